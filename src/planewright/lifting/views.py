@@ -1,0 +1,89 @@
+"""A bounded set of frames, held in memory together with their cameras: what the sketch is lifted and measured with.
+
+The clip is streamed once; memory depends on `max_views` and the image size, not on the clip's length.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from planewright.arrays import Float, Int, Mat3, UInt8
+from planewright.progress import Progress, silent, steps
+from planewright.sfm.cameras import Cameras
+from planewright.video.frames import Frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions:
+    """Which frames are kept, and how."""
+
+    max_views: int = 110
+    """Frames kept besides those with marks. Edges averaged over 100 frames gained nothing from more."""
+    max_bytes: int = 260_000_000
+    """Memory for the kept frames; fewer are kept where they are large."""
+    max_pixels: int = 1_600_000
+    """Larger frames are reduced to this many pixels (bilinear over areas)."""
+    blur: float = 0.7
+    """Gaussian blur of the kept frames against sensor and coding noise, pixels (sigma)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Grey frames (reduced by `scale`) and their pinhole cameras. Pixels here are working pixels: `scale` times the clip's."""
+
+    frame: Int[np.ndarray, "views"]
+    """Frame numbers, increasing."""
+    images: UInt8[np.ndarray, "views height width"]
+    scale: float
+    calibration: Mat3
+    """K in working pixels; the centre of the top-left pixel is (0.5, 0.5)."""
+    rotation: Float[np.ndarray, "views 3 3"]
+    translation: Float[np.ndarray, "views 3"]
+
+    @property
+    def projections(self) -> Float[np.ndarray, "views 3 4"]:
+        """K [R | t] of each view, working pixels."""
+        return self.calibration @ np.concatenate([self.rotation, self.translation[:, :, None]], axis=2)
+
+    @property
+    def centers(self) -> Float[np.ndarray, "views 3"]:
+        """Camera centres in the world."""
+        return -np.einsum("kji,kj->ki", self.rotation, self.translation)
+
+    def index(self, frame: int) -> int | None:
+        """Position of a frame number, or None."""
+        k = int(np.searchsorted(self.frame, frame))
+        return k if k < len(self.frame) and self.frame[k] == frame else None
+
+
+def load_views(
+    frames: Frames, cameras: Cameras, needed: Iterable[int], options: ViewOptions = ViewOptions(), *, progress: Progress = silent
+) -> Views:
+    """Evenly spread posed frames, and the `needed` ones (those with marks) that have a pose.
+
+    `frames` and the cameras' pinhole part must belong together: lens distortion is removed already.
+    """
+    width, height = frames.image_size
+    scale = min(1.0, float(np.sqrt(options.max_pixels / (width * height))))
+    size = (round(width * scale), round(height * scale))
+    room = max(24, min(options.max_views, options.max_bytes // (size[0] * size[1])))
+    posed = cameras.frame[cameras.posed]
+    spread = posed[np.unique(np.linspace(0, len(posed) - 1, min(room, len(posed))).round().astype(int))]
+    wanted = sorted({*spread.tolist(), *(f for f in needed if cameras.row(f) is not None)})
+    rows = np.array([cameras.row(f) for f in wanted])
+    images = np.empty((len(wanted), size[1], size[0]), np.uint8)
+    for k, (_, image) in enumerate(steps(frames.gray(wanted), "Loading views", progress, total=len(wanted))):
+        if scale < 1.0:
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        images[k] = cv2.GaussianBlur(image, (0, 0), options.blur) if options.blur > 0 else image
+    stretch = np.diag([size[0] / width, size[1] / height, 1.0])
+    return Views(
+        frame=np.array(wanted),
+        images=images,
+        scale=size[0] / width,
+        calibration=stretch @ cameras.intrinsics.pinhole().matrix,
+        rotation=cameras.rotation[rows],
+        translation=cameras.translation[rows],
+    )
