@@ -1,3 +1,33 @@
-"""Planar 3D models from a handheld clip and a drawn sketch."""
+"""Planar 3D models from a handheld clip and a drawn sketch: `from planewright import reconstruct, Sketch`."""
+
+import importlib
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from planewright.pipeline.result import Result as Result
+    from planewright.pipeline.run import ReconstructOptions as ReconstructOptions
+    from planewright.pipeline.run import reconstruct as reconstruct
+    from planewright.sketch.graph import Sketch as Sketch
+    from planewright.sketch.read import read_sketch as read_sketch
+
+# The public names and their homes. They are loaded when they are first asked for: the numerical libraries take a second to import,
+# and neither `planewright --version` nor a program that needs one type should wait for them.
+_HOMES = {
+    "ReconstructOptions": "planewright.pipeline.run",
+    "Result": "planewright.pipeline.result",
+    "Sketch": "planewright.sketch.graph",
+    "read_sketch": "planewright.sketch.read",
+    "reconstruct": "planewright.pipeline.run",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'planewright' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])
