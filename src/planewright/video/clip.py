@@ -4,6 +4,7 @@ import hashlib
 import stat
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -12,11 +13,11 @@ import numpy as np
 from planewright.arrays import ColorImage, GrayImage
 from planewright.errors import VideoError
 from planewright.progress import Progress, silent
-from planewright.video.container import VideoIndex, read_video, scan_video
 from planewright.video.frame_range import FrameRange
 from planewright.video.image_folder import ImageFolder, read_images, scan_images
 from planewright.video.limits import VideoLimits
 from planewright.video.pixels import color_pixels, gray_pixels
+from planewright.video.video_file import VideoIndex, read_video, scan_video
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class Clip:
 
     def _checked(self, numbers: Sequence[int]) -> list[int]:
         wanted = [int(number) for number in numbers]
-        if any(a >= b for a, b in zip(wanted, wanted[1:], strict=False)):
+        if any(a >= b for a, b in pairwise(wanted)):
             raise ValueError("Frame numbers must increase.")
         if wanted and (wanted[0] < 0 or wanted[-1] >= self.info.num_frames):
             outside = wanted[0] if wanted[0] < 0 else wanted[-1]

@@ -5,6 +5,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from PIL import Image, ImageOps
 from planewright.arrays import UInt8
 from planewright.errors import VideoError
 from planewright.progress import Progress, steps
+from planewright.video.container import check_picture_size
 from planewright.video.limits import VideoLimits
 
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".bmp": "BMP", ".tif": "TIFF", ".tiff": "TIFF", ".webp": "WEBP", ".ppm": "PPM", ".pgm": "PPM"}
@@ -92,12 +94,7 @@ def _displayed_size(file: Path, limits: VideoLimits) -> tuple[int, int]:
             turned = image.getexif().get(_EXIF_ORIENTATION, 1) in (5, 6, 7, 8)
     except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
         raise VideoError(f"{file.name} is not an image that can be read: {str(error)[:200]}. Remove it from the folder, or replace it.") from error
-    if max(width, height) > limits.max_side or width * height > limits.max_pixels:
-        raise VideoError(
-            f"{file.name}: {width}x{height} pixels are beyond the limit ({limits.max_side} a side, {limits.max_pixels} in all). Scale the images down."
-        )
-    if min(width, height) < 16:
-        raise VideoError(f"{file.name}: a picture of {width}x{height} pixels shows nothing to follow; 16x16 is the least.")
+    check_picture_size(file.name, (width, height), limits)
     return (height, width) if turned else (width, height)
 
 
@@ -112,7 +109,7 @@ def _gaps(files: list[Path]) -> tuple[str, ...]:
     if not all(found):
         return ("Not every image name holds a number; they are taken in the order of their names.",)
     numbers = [int(names[-1][-15:]) for names in found]
-    steps_between = [b - a for a, b in zip(numbers, numbers[1:], strict=False)]
+    steps_between = [b - a for a, b in pairwise(numbers)]
     if steps_between and len(set(steps_between)) > 1:
         usual = sorted(steps_between)[len(steps_between) // 2]
         odd = next(i for i, step in enumerate(steps_between) if step != usual)

@@ -26,7 +26,37 @@ DEMUXERS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "web
 """Containers that hold their own data. Playlists (concat, hls, dash) open other files and addresses: they stay out."""
 
 DECODERS = frozenset(
-    "h264 hevc av1 libdav1d libaom-av1 vp8 vp9 libvpx libvpx-vp9 mpeg1video mpeg2video mpeg4 mjpeg h263 prores dnxhd ffv1 huffyuv ffvhuff utvideo "
-    "rawvideo png gif qtrle cfhd theora msmpeg4v2 msmpeg4 wmv2 dvvideo".split()
+    {
+        "h264",
+        "hevc",
+        "av1",
+        "libdav1d",
+        "libaom-av1",
+        "vp8",
+        "vp9",
+        "libvpx",
+        "libvpx-vp9",
+        "mpeg1video",
+        "mpeg2video",
+        "mpeg4",
+        "mjpeg",
+        "h263",
+        "prores",
+        "dnxhd",
+        "cfhd",
+        "ffv1",
+        "huffyuv",
+        "ffvhuff",
+        "utvideo",
+        "rawvideo",
+        "png",
+        "gif",
+        "qtrle",
+        "theora",
+        "msmpeg4v2",
+        "msmpeg4",
+        "wmv2",
+        "dvvideo",
+    }
 )
 """Decoders of what phones, cameras and editors write."""
