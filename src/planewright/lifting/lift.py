@@ -1,0 +1,494 @@
+"""The sketch lifted to 3D: which plane each face lies on, and from that where the corners are.
+
+Each face gathers hypotheses (planes that the pixels agree with) from every frame in which three of its corners are located.
+A hypothesis may be wrong though its pixels agree: what stands in front of a hidden face is a plane too. So the set is chosen
+together: planes must meet the click rays of shared corners at the same depth, and two faces may not explain the same pixels
+by the same plane. What is known then locates further corners, in further frames, and the faces left over try again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from planewright.arrays import Bool, Float, Int, UInt8, Vec3
+from planewright.geometry.plane import fit_plane
+from planewright.lifting.photometric import (
+    PhotometricOptions,
+    Reference,
+    hypotheses,
+    plane_from_scene_points,
+    plane_from_world,
+    plane_to_world,
+    reference_from_mask,
+    sweep,
+    refine,
+)
+from planewright.lifting.rays import MarkRays, mark_rays, meet, triangulate_marks
+from planewright.lifting.views import Views
+from planewright.progress import Progress, silent
+from planewright.sfm.cameras import ScenePoints
+from planewright.sketch.graph import Sketch
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiftOptions:
+    """How the sketch is lifted."""
+
+    photometric: PhotometricOptions = PhotometricOptions()
+    click_sigma: float = 1.0
+    """Standard deviation of a click an axis, pixels of the clip."""
+    plane_sigma: float = 0.004
+    """Relative depth error allowed to a plane on top of what the click gives; formal sigmas of planes are far too small."""
+    rounds: int = 4
+    """How often faces that found no plane try again with the corners known by then."""
+    on_plane: float = 0.01
+    """A corner lies on a face that it was drawn inside of when it is within this share of its depth of the face's plane."""
+
+
+EXPLAINED = 16.0
+"""Energy a share of pixels that other faces explain, above a quarter: a face all of whose pixels are another's outweighs any ZNCC."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A plane a face may lie on."""
+
+    normal: Vec3
+    offset: float
+    quality: float
+    """Mean ZNCC over the views; 0.5 where pixels did not take part."""
+    view: int
+    """View in which it was found, -1 where it comes from corners."""
+    probe: Float[np.ndarray, "probe 3"]
+    """Points of the plane spread over the face, as seen in that view."""
+    covered: Bool[np.ndarray, "probe faces"]
+    """Which other faces are drawn over each of them in that view."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lifted:
+    """The first 3D state of the sketch."""
+
+    points: Float[np.ndarray, "points 3"]
+    point_known: Bool[np.ndarray, "points"]
+    normals: Float[np.ndarray, "faces 3"]
+    """Towards the cameras that saw the face."""
+    offsets: Float[np.ndarray, "faces"]
+    face_known: Bool[np.ndarray, "faces"]
+    from_pixels: Bool[np.ndarray, "faces"]
+    """False where the plane only comes from corners known otherwise."""
+    incidences: tuple[tuple[int, int], ...]
+    """(face, point): corners that lie on the plane of a face inside which they were drawn."""
+    notes: tuple[str, ...]
+
+
+class _Lifter:
+    """The state of one lift: located corners and the hypotheses of each face."""
+
+    def __init__(self, views: Views, sketch: Sketch, scene: ScenePoints, options: LiftOptions, rng: np.random.Generator):
+        self.views, self.sketch, self.scene, self.options, self.rng = views, sketch, scene, options, rng
+        self.rays: MarkRays = mark_rays(views, sketch)
+        row = {point.id: i for i, point in enumerate(sketch.points)}
+        self.loops = [[row[c] for c in face.loop] for face in sketch.faces]
+        self.holes = [[[row[c] for c in hole] for hole in face.holes] for face in sketch.faces]
+        self.corners = [[*loop, *(c for hole in holes for c in hole)] for loop, holes in zip(self.loops, self.holes, strict=True)]
+        self.num_faces, self.num_points = len(sketch.faces), len(sketch.points)
+        self.points = np.full((self.num_points, 3), np.nan)
+        self.known = np.zeros(self.num_points, bool)
+        self.spread = np.full(self.num_points, np.inf)  # relative depth sigma of known points
+        self.found: list[list[Hypothesis]] = [[] for _ in range(self.num_faces)]
+        self.tried: set[tuple[int, int, int]] = set()
+        self.choice: list[Hypothesis | None] = [None] * self.num_faces
+        self.rho_ranges: dict[int, tuple[float, float]] = {}
+        self.mark_sigma = options.click_sigma * views.scale
+
+    # -- polygons -----------------------------------------------------------------------------------------------
+
+    def located(self, view: int, corners: Sequence[int]) -> list[tuple[float, float] | None]:
+        """Where corners are in a view: marked there, or known in 3D and projected; None elsewhere. Array coordinates."""
+        out: list[tuple[float, float] | None] = []
+        p = self.views.projections[view]
+        for c in corners:
+            rows = np.nonzero((self.rays.point == c) & (self.rays.view == view))[0]
+            if len(rows):
+                x, y = self.rays.xy[rows[0]]
+                out.append((float(x) - 0.5, float(y) - 0.5))
+            elif self.known[c]:
+                q = p @ np.append(self.points[c], 1.0)
+                out.append((float(q[0] / q[2]) - 0.5, float(q[1] / q[2]) - 0.5) if q[2] > 1e-9 else None)
+            else:
+                out.append(None)
+        return out
+
+    def mask(self, view: int, face: int) -> tuple[UInt8[np.ndarray, "height width"], Float[np.ndarray, "corners 2"]] | None:
+        """The face's polygon in a view (1 inside, holes 0), from at least three located corners of its loop."""
+        loop = [xy for xy in self.located(view, self.loops[face]) if xy is not None]
+        if len(loop) < 3:
+            return None
+        height, width = self.views.images.shape[1:]
+        mask = np.zeros((height, width), np.uint8)
+        polygon = np.clip(np.array(loop), -4 * max(width, height), 5 * max(width, height))
+        cv2.fillPoly(mask, [np.round(polygon * 16).astype(np.int32)], 1, shift=4)
+        for hole in self.holes[face]:
+            border = [xy for xy in self.located(view, hole) if xy is not None]
+            if len(border) >= 3:
+                cv2.fillPoly(mask, [np.round(np.array(border) * 16).astype(np.int32)], 0, shift=4)
+        return mask, polygon
+
+    def rho_range(self, view: int) -> tuple[float, float] | None:
+        """Inverse depths worth trying in a view: those of the scene features, with room on both sides."""
+        if view not in self.rho_ranges:
+            z = self.scene.xyz @ self.views.rotation[view][2] + self.views.translation[view][2]
+            z = z[z > 0]
+            if len(z) < 8:
+                return None
+            near, far = np.percentile(z, [1.0, 98.0])
+            self.rho_ranges[view] = (1.0 / (1.4 * far), 1.0 / (0.75 * near))
+        return self.rho_ranges[view]
+
+    # -- hypotheses ---------------------------------------------------------------------------------------------
+
+    def mark_views(self, corners: Sequence[int]) -> list[int]:
+        """Views in which any of the corners is marked, the one with most marks first."""
+        of_corner = np.isin(self.rays.point, corners)
+        views, counts = np.unique(self.rays.view[of_corner], return_counts=True)
+        return [int(v) for v in views[np.argsort(-counts, kind="stable")]]
+
+    def search(self, face: int) -> None:
+        """Hypotheses of a face from every view with marks in which three of its corners are located and which was not tried so."""
+        for view in self.mark_views(self.corners[face])[:4]:
+            located = sum(xy is not None for xy in self.located(view, self.loops[face]))
+            if located < 3 or (face, view, located) in self.tried:
+                continue
+            self.tried.add((face, view, located))
+            self.found[face] += self.search_view(face, view)
+
+    def search_view(self, face: int, view: int) -> list[Hypothesis]:
+        drawn = self.mask(view, face)
+        rho_range = self.rho_range(view)
+        if drawn is None or rho_range is None:
+            return []
+        mask, polygon = drawn
+        area = max(int(mask.sum()), 1)
+        others: dict[int, UInt8[np.ndarray, "height width"]] = {}
+        free = mask.copy()
+        for other in range(self.num_faces):
+            if other == face or (theirs := self.mask(view, other)) is None:
+                continue
+            shared = theirs[0] & mask
+            if not shared.any():
+                continue
+            others[other] = theirs[0]
+            # what is drawn smaller over this face stands in front of it, as a rule
+            if theirs[0].sum() < 0.6 * area:
+                free &= ~cv2.dilate(theirs[0], np.ones((5, 5), np.uint8)) & 1
+        if free.sum() < 0.25 * area:
+            free = mask
+        inner = cv2.erode(free, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        if inner.sum() < 60:
+            inner = cv2.erode(free, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        reference = reference_from_mask(self.views, view, inner > 0, self.options.photometric)
+        if reference is None:
+            return []
+        starts = [start for start in [plane_from_scene_points(self.views, reference, polygon, self.scene.xyz, self.rng)] if start is not None]
+        starts += self.hinges(face, reference)
+        planes = hypotheses(self.views, reference, rho_range, starts, self.options.photometric)
+        probes = reference.pixels[:: max(1, len(reference.pixels) // 24)].astype(int)
+        covered = np.zeros((len(probes), self.num_faces), bool)
+        for other, theirs in others.items():
+            covered[:, other] = theirs[probes[:, 1], probes[:, 0]] > 0
+        out: list[Hypothesis] = []
+        for found in planes:
+            normal, offset = plane_to_world(self.views, reference, found.plane)
+            out.append(Hypothesis(normal, offset, found.zncc * min(1.0, 2 * found.share), view, self.on_plane(view, probes + 0.5, normal, offset), covered))
+        return out
+
+    def on_plane(self, view: int, pixels: Float[np.ndarray, "probe 2"], normal: Vec3, offset: float) -> Float[np.ndarray, "probe 3"]:
+        """World points of the plane at pixels of a view."""
+        rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(self.views.calibration).T
+        directions = rays @ self.views.rotation[view]
+        center = self.views.centers[view]
+        along = directions @ normal
+        along = np.where(np.abs(along) < 1e-9, 1e-9, along)
+        return center + directions * ((offset - center @ normal) / along)[:, None]
+
+    def hinges(self, face: int, reference: Reference) -> list[Vec3]:
+        """Planes through two known corners of the face, the best of a fan of tilts as the pixels see it."""
+        known = [c for c in self.corners[face] if self.known[c]]
+        if not 2 <= len(known):
+            return []
+        pairs = [(a, b) for i, a in enumerate(known) for b in known[i + 1 :]]
+        a, b = max(pairs, key=lambda pair: float(np.linalg.norm(self.points[pair[0]] - self.points[pair[1]])))
+        axis = self.points[b] - self.points[a]
+        if np.linalg.norm(axis) < 1e-12:
+            return []
+        axis /= np.linalg.norm(axis)
+        to_camera = self.views.centers[reference.view] - self.points[a]
+        u = to_camera - axis * (axis @ to_camera)
+        u /= max(float(np.linalg.norm(u)), 1e-12)
+        v = np.cross(axis, u)
+        out: list[Vec3] = []
+        for angle in np.radians(np.arange(-75, 76, 15)):
+            normal = np.cos(angle) * u + np.sin(angle) * v
+            plane = plane_from_world(self.views, reference, normal, float(normal @ self.points[a]))
+            if plane is not None and plane[2] > 0 and (reference.basis @ plane).min() > 0:
+                out.append(plane)
+        return out
+
+    # -- the global choice --------------------------------------------------------------------------------------
+
+    def corner_depths(self, face: int, guess: Hypothesis) -> dict[int, tuple[float, float]]:
+        """Depth of each marked corner of the face on the hypothesis' plane, along its first mark's ray, with its relative sigma."""
+        out: dict[int, tuple[float, float]] = {}
+        for c in self.corners[face]:
+            rows = self.rays.of_point(c)[:1]
+            if len(rows):
+                depth, slope = meet(self.rays, rows, guess.normal, guess.offset)
+                sigma = float(np.hypot(slope[0] * self.mark_sigma, self.options.plane_sigma))
+                out[c] = (float(depth[0]), sigma)
+        return out
+
+    def choose(self) -> None:
+        """Pick one hypothesis or none a face, so that planes agree at shared corners and no two faces share their pixels.
+
+        Energy: -(2 + 2 ZNCC) a chosen plane; for each corner two chosen faces share, -1 where their depths agree up to +5 where
+        they do not; up to +12 where its pixels are explained by other chosen faces drawn there, nearer or as near. Minimized by
+        iterated conditional modes from several orders; the lowest wins.
+        """
+        depths = [[self.corner_depths(f, h) for h in self.found[f]] for f in range(self.num_faces)]
+        usable = [[h for h, d in enumerate(depths[f]) if all(z > 0 for z, _ in d.values())] for f in range(self.num_faces)]
+        neighbours = [[g for g in range(self.num_faces) if g != f and set(self.corners[f]) & set(self.corners[g])] for f in range(self.num_faces)]
+        behind_cache: dict[tuple[int, int, int, int], Bool[np.ndarray, "probe"]] = {}
+
+        def explained(f: int, h: int, labels: list[int]) -> float:
+            """Share of the face's pixels that other chosen faces explain."""
+            mine = self.found[f][h]
+            by_others = np.zeros(len(mine.probe), bool)
+            for g in np.nonzero(mine.covered.any(axis=0))[0]:
+                if labels[g] >= 0:
+                    key = (f, h, int(g), labels[g])
+                    if key not in behind_cache:
+                        behind_cache[key] = mine.covered[:, g] & self.behind(mine, self.found[g][labels[g]])
+                    by_others |= behind_cache[key]
+            return float(by_others.mean())
+        pair_cache: dict[tuple[int, int, int, int], float] = {}
+
+        def pair(f: int, h: int, g: int, k: int) -> float:
+            key = (f, h, g, k) if f < g else (g, k, f, h)
+            if key not in pair_cache:
+                pair_cache[key] = self.pair_energy(*key, depths)
+            return pair_cache[key]
+
+        def unary(f: int, h: int) -> float:
+            guess = self.found[f][h]
+            energy = -(2.0 + 2.0 * max(guess.quality, 0.0))
+            for c, (z, sigma) in depths[f][h].items():
+                if self.known[c] and np.isfinite(self.spread[c]) and self.choice[f] is None:
+                    there = self.depth_of(c)
+                    if there > 0:
+                        energy += _disagreement(np.log(z / there), np.hypot(sigma, self.spread[c]))
+            return energy
+
+        def energy_of(labels: list[int]) -> float:
+            total = 0.0
+            for f, h in enumerate(labels):
+                if h >= 0:
+                    total += unary(f, h) + EXPLAINED * max(0.0, explained(f, h, labels) - 0.25)
+                    total += sum(pair(f, h, g, labels[g]) for g in neighbours[f] if g > f and labels[g] >= 0)
+            return total
+
+        best: list[int] | None = None
+        best_energy = np.inf
+        base = sorted(range(self.num_faces), key=lambda f: -max((self.found[f][h].quality for h in usable[f]), default=-1.0))
+        for attempt in range(12):
+            order = base if attempt == 0 else [int(f) for f in self.rng.permutation(self.num_faces)]
+            labels = [-1] * self.num_faces
+            for _ in range(12):
+                before = list(labels)
+                for f in order:
+                    costs = [(0.0, -1)] + [
+                        (unary(f, h) + EXPLAINED * max(0.0, explained(f, h, labels) - 0.25) + sum(pair(f, h, g, labels[g]) for g in neighbours[f] if labels[g] >= 0), h)
+                        for h in usable[f]
+                    ]
+                    labels[f] = min(costs)[1]
+                if labels == before:
+                    break
+            if (energy := energy_of(labels)) < best_energy - 1e-9:
+                best, best_energy = labels, energy
+        assert best is not None
+        for f, h in enumerate(best):
+            self.choice[f] = self.found[f][h] if h >= 0 else None
+
+    def pair_energy(self, f: int, h: int, g: int, k: int, depths: list[list[dict[int, tuple[float, float]]]]) -> float:
+        energy = 0.0
+        for c, (za, sa) in depths[f][h].items():
+            if c in depths[g][k]:
+                zb, sb = depths[g][k][c]
+                energy += _disagreement(np.log(za / zb), np.hypot(sa, sb))
+        return energy
+
+    def behind(self, mine: Hypothesis, other: Hypothesis) -> Bool[np.ndarray, "probe"]:
+        """Which of the probe points lie behind the other plane, or within 1 % of their depth before it."""
+        center = self.views.centers[mine.view]
+        toward = mine.probe - center
+        along = toward @ other.normal
+        reach = (other.offset - center @ other.normal) / np.where(np.abs(along) < 1e-12, 1e-12, along)
+        return (reach > 0) & (reach < 1.01)
+
+    # -- corners ------------------------------------------------------------------------------------------------
+
+    def locate(self) -> None:
+        """Corners from the chosen planes: each ray's depth, the median of what its faces say weighted by their certainty."""
+        self.known[:] = False
+        self.spread[:] = np.inf
+        sayings: list[list[tuple[float, float]]] = [[] for _ in range(self.num_points)]
+        for f, guess in enumerate(self.choice):
+            if guess is not None:
+                for c, saying in self.corner_depths(f, guess).items():
+                    if saying[0] > 0:
+                        sayings[c].append(saying)
+        for c in range(self.num_points):
+            rows = self.rays.of_point(c)
+            if len(rows) == 0:
+                continue
+            if len(rows) >= 2 and (hit := triangulate_marks(self.rays, rows)) and hit[1] > np.radians(4.0):
+                first = rows[0]
+                depth = float((hit[0] - self.rays.origin[first]) @ self.views.rotation[self.rays.view[first]][2])
+                if depth > 0:
+                    sigma = 2.0 * self.mark_sigma / (self.views.calibration[0, 0] * np.sin(hit[1]))
+                    sayings[c].append((depth, float(sigma)))
+            if not sayings[c]:
+                continue
+            z = np.array([s[0] for s in sayings[c]])
+            sigma = np.array([s[1] for s in sayings[c]])
+            order = np.argsort(z, kind="stable")
+            weight = np.cumsum(1.0 / sigma[order] ** 2)
+            middle = z[order][np.searchsorted(weight, 0.5 * weight[-1])]
+            agree = np.abs(np.log(z / middle)) < 3.0 * np.hypot(sigma, sigma.min())
+            w = 1.0 / sigma[agree] ** 2
+            depth = float((w * z[agree]).sum() / w.sum())
+            self.points[c] = self.rays.origin[rows[0]] + depth * self.rays.direction[rows[0]]
+            self.known[c] = True
+            self.spread[c] = float(1.0 / np.sqrt(w.sum())) if len(w) > 1 else float(sigma[agree].min())
+
+    def complete_quads(self) -> None:
+        """Corners whose ray meets their plane at a grazing angle: the fourth corner of a parallelogram, where its mark agrees with that."""
+        for loop in self.loops:
+            if len(loop) != 4:
+                continue
+            for i, c in enumerate(loop):
+                rows = self.rays.of_point(c)
+                before, across, after = (loop[(i + k) % 4] for k in (1, 2, 3))
+                others = [before, across, after]
+                if len(rows) == 0 or self.spread[c] < 0.02 or not self.known[others].all() or self.spread[others].max() > 0.5 * self.spread[c]:
+                    continue
+                guess = self.points[before] + self.points[after] - self.points[across]
+                row = rows[0]
+                depth = float((guess - self.rays.origin[row]) @ self.views.rotation[self.rays.view[row]][2])
+                on_ray = self.rays.origin[row] + depth * self.rays.direction[row]
+                gap = np.linalg.norm(guess - on_ray) / max(depth, 1e-12) * self.views.calibration[0, 0]
+                if depth > 0 and gap < 4.0 * self.mark_sigma and abs(np.log(depth / self.depth_of(c))) < 4.0 * self.spread[c]:
+                    self.points[c], self.spread[c] = on_ray, 0.02
+
+    def depth_of(self, point: int) -> float:
+        """Depth of a known point in the view of its first mark."""
+        row = self.rays.of_point(point)[0]
+        return float((self.points[point] - self.rays.origin[row]) @ self.views.rotation[self.rays.view[row]][2])
+
+    def from_corners(self, face: int) -> Hypothesis | None:
+        """The plane through three or more known corners that are not on a line; None where there are none, or they disagree."""
+        known = np.array([c for c in dict.fromkeys(self.corners[face]) if self.known[c] and self.spread[c] < 0.08], int)
+        if len(known) < 3:
+            return None
+        xyz = self.points[known]
+        first = np.array([self.rays.of_point(int(c))[0] for c in known])
+        sigma = self.spread[known] * np.linalg.norm(xyz - self.rays.origin[first], axis=1)
+        weight = 1.0 / sigma**2
+        normal, offset = fit_plane(xyz, weight)
+        center = weight @ xyz / weight.sum()
+        # the second singular value of the corners in units of their sigmas says whether they are off a line
+        across = np.linalg.svd((xyz - center) / np.maximum(sigma, 0.2 * sigma.max())[:, None], compute_uv=False)[1]
+        if across < 6.0 or (np.abs(xyz @ normal - offset) > 4.0 * sigma).any():
+            return None
+        return Hypothesis(normal, offset, 0.5, -1, xyz, np.zeros((len(xyz), self.num_faces), bool))
+
+
+def _disagreement(difference: float, sigma: float) -> float:
+    """-1 where two depths agree, +5 where they do not."""
+    return -1.0 + 6.0 * min((difference / sigma) ** 2, 9.0) / 9.0
+
+
+def lift_sketch(
+    views: Views, sketch: Sketch, scene: ScenePoints, options: LiftOptions = LiftOptions(), *, rng: np.random.Generator, progress: Progress = silent
+) -> Lifted:
+    """Planes and corners of the sketch in the world, as far as the views give them."""
+    lifter = _Lifter(views, sketch, scene, options, rng)
+    from_corners: set[int] = set()
+    for turn in range(options.rounds):
+        open_faces = [f for f in range(lifter.num_faces) if lifter.choice[f] is None or f in from_corners]
+        if not open_faces:
+            break
+        before = (lifter.known.sum(), sum(c is not None for c in lifter.choice))
+        for done, f in enumerate(open_faces):
+            progress(f"Lifting faces, round {turn + 1}", done, len(open_faces))
+            lifter.search(f)
+        lifter.choose()
+        lifter.locate()
+        from_corners = set()
+        for f in range(lifter.num_faces):
+            if lifter.choice[f] is None and (guess := lifter.from_corners(f)):
+                lifter.choice[f] = guess
+                from_corners.add(f)
+        lifter.locate()
+        lifter.complete_quads()
+        if turn and before == (lifter.known.sum(), sum(c is not None for c in lifter.choice)):
+            break
+    return _finish(lifter, from_corners)
+
+
+def _finish(lifter: _Lifter, from_corners: set[int]) -> Lifted:
+    faces = lifter.num_faces
+    normals, offsets, known = np.full((faces, 3), np.nan), np.full(faces, np.nan), np.zeros(faces, bool)
+    notes: list[str] = []
+    for f, guess in enumerate(lifter.choice):
+        if guess is None:
+            notes.append(f"Face {lifter.sketch.faces[f].id}: no plane found; mark its corners in a frame in which it is seen well.")
+            continue
+        normals[f], offsets[f], known[f] = guess.normal, guess.offset, True
+    lone_points(lifter)
+    for c in np.nonzero(~lifter.known)[0]:
+        notes.append(f"Point {lifter.sketch.points[c].id}: no depth found; mark it in a second frame.")
+    return Lifted(
+        lifter.points, lifter.known.copy(), normals, offsets, known,
+        np.array([known[f] and f not in from_corners for f in range(faces)]), (), tuple(notes),
+    )  # fmt: skip
+
+
+def lone_points(lifter: _Lifter) -> None:
+    """Points on no face with a plane: the depth of the patch around their mark."""
+    options = replace(lifter.options.photometric, keep=1)
+    height, width = lifter.views.images.shape[1:]
+    for c in np.nonzero(~lifter.known)[0]:
+        rows = lifter.rays.of_point(int(c))
+        best: tuple[float, Vec3, float] | None = None
+        for row in rows[:3]:
+            view = int(lifter.rays.view[row])
+            x, y = (int(v) for v in lifter.rays.xy[row])
+            rho_range = lifter.rho_range(view)
+            if rho_range is None:
+                continue
+            mask = np.zeros((height, width), bool)
+            mask[max(y - 10, 0) : y + 11, max(x - 10, 0) : x + 11] = True
+            reference = reference_from_mask(lifter.views, view, mask, options)
+            if reference is None:
+                continue
+            planes = hypotheses(lifter.views, reference, rho_range, (), options)
+            if planes and planes[0].zncc > 0.6 and (best is None or planes[0].zncc > best[0]):
+                normal, offset = plane_to_world(lifter.views, reference, planes[0].plane)
+                depth, _ = meet(lifter.rays, np.array([row]), normal, offset)
+                if depth[0] > 0:
+                    best = (planes[0].zncc, lifter.rays.origin[row] + depth[0] * lifter.rays.direction[row], float(depth[0]))
+        if best is not None:
+            lifter.points[c], lifter.known[c], lifter.spread[c] = best[1], True, 0.02
