@@ -9,7 +9,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from planewright.arrays import Float, GrayImage, UInt8
+from planewright.arrays import Float, GrayImage, Int, UInt8
 from planewright.progress import Progress, silent, steps
 from planewright.video.frames import Frames
 
@@ -121,24 +121,27 @@ class _Bars:
     """Which rows and columns have been black in every frame so far."""
 
     def __init__(self, image_size: tuple[int, int], options: InspectOptions) -> None:
-        self.image_size = image_size
         self.options = options
-        self.lit_columns = np.zeros(image_size[0], dtype=np.bool_)
-        self.lit_rows = np.zeros(image_size[1], dtype=np.bool_)
+        self.brightest = np.zeros(image_size[::-1], dtype=np.uint8)
+        self.darkest = np.full(image_size[::-1], 255, dtype=np.uint8)
 
     def see(self, image: GrayImage) -> None:
         """One more frame."""
-        for lit, axis in ((self.lit_columns, 0), (self.lit_rows, 1)):
-            high, low = (np.asarray(cv2.reduce(image, axis, how)).ravel() for how in (cv2.REDUCE_MAX, cv2.REDUCE_MIN))
-            lit |= (high > self.options.bar_level) | (high - low > self.options.bar_range)
+        cv2.max(self.brightest, image, self.brightest)
+        cv2.min(self.darkest, image, self.darkest)
 
     def content(self) -> tuple[int, int, int, int] | None:
         """The part of the picture that is ever lit; None when that is all of it, or nothing."""
-        rows, columns = np.flatnonzero(self.lit_rows), np.flatnonzero(self.lit_columns)
+        level, spread = self.options.bar_level, self.options.bar_range
+        lit: list[Int[np.ndarray, "lit"]] = []
+        for axis in (1, 0):
+            high, low = self.brightest.max(axis=axis), self.darkest.min(axis=axis)
+            lit.append(np.flatnonzero((high > level) | (high - low > spread)))
+        rows, columns = lit
         if not len(rows) or not len(columns):
             return None
         box = (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
-        width, height = self.image_size
+        height, width = self.brightest.shape
         # One dark line at the border is common in digitized video and harmless; a bar is wider than 1 % of the picture.
         margins = (box[0] / width, box[1] / height, 1 - box[2] / width, 1 - box[3] / height)
         return box if max(margins) > 0.01 else None
