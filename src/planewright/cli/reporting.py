@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 import rich.progress
@@ -52,7 +52,7 @@ class Bar:
 
 
 @contextmanager
-def reporting(*, quiet: bool, as_json: bool) -> Iterator[Progress]:
+def reporting(*, quiet: bool, as_json: bool) -> Generator[Progress]:
     """The progress callback that fits the place where the command runs. It raises `Cancelled` after Ctrl-C."""
     if quiet and not as_json:
         yield _stoppable(None)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from planewright.pipeline.files import make_folder, remove_leftovers, write_bytes
+from planewright.export.atomic import write_whole
+from planewright.pipeline.folder import make_folder, remove_leftovers
 from planewright.pipeline.plain import Tree, UnreadableTree, from_tree, to_tree
 
 log = logging.getLogger(__name__)
@@ -73,7 +74,7 @@ class Checkpoints:
         packed = _pack(value, seconds)
         path = self._path(stage)
         if path is not None:
-            write_bytes(path, packed)
+            write_whole(path, packed)
         return dataclasses.replace(_unpack(packed, kind), resumed=False)
 
     def remove(self) -> None:

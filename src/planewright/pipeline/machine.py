@@ -5,12 +5,6 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-import cv2
-import numba
-from threadpoolctl import threadpool_limits
 
 import planewright
 
@@ -47,17 +41,3 @@ def versions() -> dict[str, str | None]:
 def machine() -> dict[str, str | int | None]:
     """System, processor and number of cores; nothing that names the machine or its owner."""
     return {"system": platform.system(), "release": platform.release(), "processor": platform.machine(), "cores": os.cpu_count()}
-
-
-@contextmanager
-def limited_threads(threads: int) -> Iterator[None]:
-    """One thread for linear algebra, which is faster on our small systems and gives the same sums every time; `threads` for pixels."""
-    before_cv, before_numba = cv2.getNumThreads(), numba.get_num_threads()
-    with threadpool_limits(limits=1):
-        cv2.setNumThreads(threads)
-        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # pyright: ignore[reportAttributeAccessIssue]
-        try:
-            yield
-        finally:
-            cv2.setNumThreads(before_cv)
-            numba.set_num_threads(before_numba)
