@@ -33,3 +33,7 @@ class PlanarModel:
     """The direction that is up in the world, where known."""
     inferred: Bool[np.ndarray, "height width"]
     """Texels of the atlas that no frame saw and that were filled in."""
+    view_up: Vec3 | None = None
+    """The direction that was up in the images on average; stands in where `world_up` is not known."""
+    notes: tuple[str, ...] = ()
+    """What was left out or mended, in plain sentences, by face."""

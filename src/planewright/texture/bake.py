@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from planewright.arrays import Bool, ColorImage, Float, Mat3, UInt8, Vec3
+from planewright.arrays import Bool, ColorImage, Float, Mat3, UInt8
 from planewright.geometry.camera import Intrinsics
 from planewright.geometry.raster import FaceBuffer, face_buffer
 from planewright.geometry.rigid import Rigid
 from planewright.model.atlas import Atlas, FaceChart
+from planewright.model.build import average_up
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.polygons import face_loops, scene_polygons
 from planewright.progress import Progress, silent, steps
@@ -38,13 +39,6 @@ class BakeOptions:
     """Pixels next to an occluder or the face's outline that are not used: they mix both sides."""
     agreement: float = 8.0
     """Grey levels around the median within which views are averaged; about twice the noise of a phone's video."""
-
-
-def average_up(cameras: Cameras) -> Vec3:
-    """Upwards as the cameras were held on average: the image's up direction in the world."""
-    up = -cameras.rotation[cameras.posed, 1].sum(axis=0)
-    length = float(np.linalg.norm(up))
-    return up / length if length > 1e-9 else np.array([0.0, -1.0, 0.0])
 
 
 def bake_texture(frames: Frames, scene: PlanarScene, cameras: Cameras, options: BakeOptions = BakeOptions(), *, progress: Progress = silent) -> Atlas:
