@@ -1,0 +1,108 @@
+# pyright: basic
+"""Numba kernel of feature following: registration of many small patches to the frames they were born in."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def align_patches(image, templates, steepest, inverse_hessians, offsets, weights, affine, centre, zncc, start, stop, max_iterations):
+    """Register patches `start` to `stop` to `image`, in place: inverse-compositional Gauss-Newton on 6 affine, 1 gain and 1 bias parameter.
+
+    Baker and Matthews, "Lucas-Kanade 20 years on" (2004), section 3.2, with the gain and bias of Bartoli's dual parametrization left to right.
+
+    Args:
+        image: (height, width) float32, smoothed as the birth frame was.
+        templates: (n, pixels) float32, grey values of the birth patch.
+        steepest: (n, 2, pixels) float32, x and y gradient of the birth patch.
+        inverse_hessians: (n, 8, 8) of the parameters (a00, a01, a10, a11, tx, ty, gain, bias).
+        offsets: (pixels, 2) of the patch's pixels from its centre. weights: (pixels,).
+        affine: (n, 2, 2), current from birth; read as a start, overwritten. centre: (n, 2) likewise, pixels with centres at integers.
+        zncc: (n,) overwritten with the weighted correlation of patch and image; -1 where the patch leaves the image or the step fails.
+    """
+    height, width = image.shape
+    pixels = offsets.shape[0]
+    values = np.empty(pixels)
+    b = np.empty(8)
+    for i in range(start, stop):
+        a00, a01, a10, a11 = affine[i, 0, 0], affine[i, 0, 1], affine[i, 1, 0], affine[i, 1, 1]
+        cx, cy = centre[i, 0], centre[i, 1]
+        gain, bias = 1.0, 0.0
+        inside = True
+        done = False
+        for iteration in range(max_iterations + 1):
+            sw, sv, svv, st, stt, stv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(pixels):
+                u, v = offsets[k, 0], offsets[k, 1]
+                x = a00 * u + a01 * v + cx
+                y = a10 * u + a11 * v + cy
+                if not (x >= 0.0 and y >= 0.0 and x < width - 1 and y < height - 1):
+                    inside = False
+                    break
+                x0, y0 = int(x), int(y)
+                fx, fy = x - x0, y - y0
+                top = image[y0, x0] * (1.0 - fx) + image[y0, x0 + 1] * fx
+                bottom = image[y0 + 1, x0] * (1.0 - fx) + image[y0 + 1, x0 + 1] * fx
+                value = top * (1.0 - fy) + bottom * fy
+                values[k] = value
+                w, t = weights[k], templates[i, k]
+                sw += w
+                sv += w * value
+                svv += w * value * value
+                st += w * t
+                stt += w * t * t
+                stv += w * t * value
+            if not inside:
+                break
+            mean_v, mean_t = sv / sw, st / sw
+            var_v, var_t, cov = svv / sw - mean_v * mean_v, stt / sw - mean_t * mean_t, stv / sw - mean_v * mean_t
+            if var_v <= 1e-6 or var_t <= 1e-6:
+                inside = False
+                break
+            zncc[i] = cov / np.sqrt(var_v * var_t)
+            if done or iteration == max_iterations:
+                break
+            # Gain and bias are linear: their best values come in closed form, which leaves the step to the geometry.
+            gain = cov / var_t
+            if gain < 0.05:
+                inside = False
+                break
+            bias = mean_v - gain * mean_t
+            for m in range(8):
+                b[m] = 0.0
+            for k in range(pixels):
+                u, v = offsets[k, 0], offsets[k, 1]
+                e = weights[k] * (values[k] - gain * templates[i, k] - bias)
+                ex, ey = e * steepest[i, 0, k], e * steepest[i, 1, k]
+                b[0] += ex * u
+                b[1] += ex * v
+                b[2] += ey * u
+                b[3] += ey * v
+                b[4] += ex
+                b[5] += ey
+                b[6] += e * templates[i, k]
+                b[7] += e
+            d = np.zeros(6)
+            for m in range(6):
+                s = 0.0
+                for n in range(8):
+                    s += inverse_hessians[i, m, n] * b[n]
+                d[m] = s / gain
+            # x -> W(x) o W(d)^-1 with W(d) u = (I + D) u + t.
+            det = (1.0 + d[0]) * (1.0 + d[3]) - d[1] * d[2]
+            if not (det > 0.2 and det < 5.0):
+                inside = False
+                break
+            i00, i01, i10, i11 = (1.0 + d[3]) / det, -d[1] / det, -d[2] / det, (1.0 + d[0]) / det
+            n00, n01 = a00 * i00 + a01 * i10, a00 * i01 + a01 * i11
+            n10, n11 = a10 * i00 + a11 * i10, a10 * i01 + a11 * i11
+            sx, sy = n00 * d[4] + n01 * d[5], n10 * d[4] + n11 * d[5]
+            change = np.sqrt(sx * sx + sy * sy) + 3.0 * (abs(d[0]) + abs(d[1]) + abs(d[2]) + abs(d[3]))
+            a00, a01, a10, a11 = n00, n01, n10, n11
+            cx, cy = cx - sx, cy - sy
+            done = change < 0.01
+        if inside:
+            affine[i, 0, 0], affine[i, 0, 1], affine[i, 1, 0], affine[i, 1, 1] = a00, a01, a10, a11
+            centre[i, 0], centre[i, 1] = cx, cy
+        else:
+            zncc[i] = -1.0

@@ -1,0 +1,321 @@
+"""Cameras first: from followed features to the focal length, every frame's pose, and a cloud of points."""
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from planewright.arrays import Bool, Float, Int
+from planewright.features.features import Features
+from planewright.geometry.rigid import Rigid, rotations_from_vectors
+from planewright.progress import Progress, silent, steps
+from planewright.sfm.bundle import Adjusted, Bundle, FocalPrior, Observations, adjust, observations, robust_scale
+from planewright.sfm.cameras import Cameras, ScenePoints
+from planewright.sfm.degeneracy import GateOptions, Refused, check_features, check_parallax, measure_parallax
+from planewright.sfm.focal import FocalOptions, FocalUncertainty, focal_uncertainty
+from planewright.sfm.frame_table import FrameTable, frame_table, select_keyframes, static_tracks
+from planewright.sfm.growth import Growth, GrowthOptions, KeyframeTable, grow, keyframe_table, restrict
+from planewright.sfm.initialize import StartOptions, find_start
+from planewright.sfm.resection import Posed, ResectionOptions, resect
+from planewright.sfm.triangulate import intrinsics_value, triangulate
+from planewright.sketch.graph import KnownCamera
+
+
+@dataclass(frozen=True, kw_only=True)
+class SfmOptions:
+    """How cameras are solved."""
+
+    keyframe_motion: float = 14.0
+    """Median travel between keyframes, pixels at 960 wide."""
+    keyframe_shared: float = 0.5
+    """Share of the features that two keyframes in a row must have in common."""
+    max_keyframes: int = 40
+    """12 to 65 keyframes gave the same accuracy, and the time grows with their square."""
+    max_keyframes_long: int = 80
+    """For clips in which 40 would share too little with each other."""
+    points: int = 1500
+    """Longest tracks in the last adjustment; 300 lose a third of the accuracy."""
+    min_angle_deg: float = 2.0
+    """Between two rays of a point in the last adjustment."""
+    min_keyframes: int = 3
+    """In which such a point must be seen."""
+    independent: float = 10.0
+    """Observations that count as one when radial terms are weighed (errors are correlated along a track and over the image)."""
+    near_affine: float = 0.3
+    """Width of the focal's interval, relative to it, at which the clip is called nearly affine."""
+    gates: GateOptions = field(default_factory=GateOptions)
+    growth: GrowthOptions = field(default_factory=GrowthOptions)
+    start: StartOptions = field(default_factory=StartOptions)
+    focal: FocalOptions = field(default_factory=FocalOptions)
+    resection: ResectionOptions = field(default_factory=ResectionOptions)
+
+
+@dataclass(frozen=True)
+class SfmSummary:
+    """What a person may want to know of the solve."""
+
+    median_residual: float
+    """Length of the residual over all frames, pixels."""
+    sigma: float
+    """Of one pixel coordinate, by the median absolute deviation."""
+    keyframes: tuple[int, ...]
+    """Frame numbers."""
+    radial_terms: int
+    """0, 1 or 2, by the Bayesian information criterion."""
+    focal_inflation: float
+    """Variance of the focal length over that of independent errors."""
+    parallax: float
+    """Pixels by which the best pair of keyframes leaves a homography (70th percentile)."""
+    frames_posed: int
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Cameras, and the points that say so."""
+
+    cameras: Cameras
+    points: ScenePoints
+    summary: SfmSummary
+
+
+def solve_cameras(
+    features: Features,
+    frame_numbers: Int[np.ndarray, "frames"],
+    image_size: tuple[int, int],
+    *,
+    known: KnownCamera | None = None,
+    options: SfmOptions = SfmOptions(),
+    rng: np.random.Generator,
+    progress: Progress = silent,
+) -> Solved | Refused:
+    """Structure from motion with one unknown focal length and the principal point in the image's centre.
+
+    Gates first (degeneracy.py), then a profile over focal lengths on a pair and a few keyframes, growth over the keyframes, adjustment with the points
+    eliminated, radial terms by BIC, and every frame by resection. `known` is a Gaussian prior on the focal length. Scale: the median distance of the
+    points from the first keyframe's camera is 10 units; the world is that camera's frame.
+    """
+    # The systems are small (a few hundred unknowns): threads of the linear algebra cost more than they bring, 7.8 s against 0.33 s on busy cores.
+    with threadpool_limits(1):
+        return _solve(features, np.asarray(frame_numbers), image_size, known, options, int(rng.integers(2**31 - 1)), progress)
+
+
+def _solve(
+    features: Features,
+    frame_numbers: Int[np.ndarray, "frames"],
+    image_size: tuple[int, int],
+    known: KnownCamera | None,
+    options: SfmOptions,
+    seed: int,
+    progress: Progress,
+) -> Solved | Refused:
+    unit = max(image_size) / 960.0
+    table = frame_table(features, frame_numbers)
+    table = frame_table(features, frame_numbers, without=static_tracks(table))
+    keyframes = _keyframes(table, unit, options)
+    refused = check_features(table, keyframes, image_size, options.gates)
+    if refused:
+        return refused
+    parallax = measure_parallax(table, keyframes, progress=progress)
+    refused, warnings = check_parallax(parallax, image_size, options.gates)
+    if refused or parallax is None:
+        return refused or Refused("no-start", "No two keyframes share enough features.")
+
+    prior = None if known is None else FocalPrior(float(np.log(known.focal)), (0.15 * unit) ** 2 * 10.0 / (known.sigma / known.focal) ** 2)
+    keyed = keyframe_table(table, keyframes)
+    growth_options = replace(options.growth, start_scale=options.growth.start_scale * unit)
+    start = find_start(keyed, parallax.ranked, image_size, growth_options, prior=prior, options=options.start, seed=seed, progress=progress)
+    if start is None:
+        return Refused("no-start", "No pair of frames gives a first pair of cameras. Film a static scene, walking around it slowly.")
+    progress("Posing keyframes", 0, None)
+    growth = grow(start.growth, keyed, growth_options, free_focal=True, prior=prior, seed=seed)
+    adjusted, seen, kept, radial_terms, scale = _final_adjustment(growth, keyed, options, prior, progress)
+    growth = _put_back(growth, adjusted, kept)
+
+    progress("Weighing the focal length", 0, None)
+    focal = focal_uncertainty(adjusted.bundle, seen, scale=scale, radial_terms=radial_terms, image_size=image_size, prior=prior, options=options.focal)
+    rotation, translation, posed = _pose_all(table, keyframes, growth, keyed, scale, seed, options, progress)
+    return _result(table, keyframes, growth, rotation, translation, posed, radial_terms, scale, focal, image_size, parallax.residual, warnings, options)
+
+
+def _keyframes(table: FrameTable, unit: float, options: SfmOptions) -> Int[np.ndarray, "keyframes"]:
+    keyframes = select_keyframes(table, motion=options.keyframe_motion * unit, min_shared=options.keyframe_shared, max_keyframes=options.max_keyframes)
+    pairs = pairwise(keyframes)
+    thin = any(len(table.shared(int(a), int(b))[0]) < 0.25 * (table.start[a + 1] - table.start[a]) for a, b in pairs)
+    if thin and len(keyframes) >= options.max_keyframes // 2:
+        return select_keyframes(table, motion=options.keyframe_motion * unit, min_shared=options.keyframe_shared, max_keyframes=options.max_keyframes_long)
+    return keyframes
+
+
+def _final_adjustment(
+    growth: Growth, keyed: KeyframeTable, options: SfmOptions, prior: FocalPrior | None, progress: Progress
+) -> tuple[Adjusted, Observations, Int[np.ndarray, "kept"], int, float]:
+    """The longest well-opened tracks over all posed keyframes; radial terms by BIC. Also the rows of the points used, the number of terms, the scale."""
+    seen, kept = restrict(keyed.seen, np.isfinite(growth.xyz[:, 0]), growth.posed)
+    found = triangulate(growth.values, growth.rotation[growth.posed], growth.translation[growth.posed], seen, scale=growth.scale, start=growth.xyz[kept])
+    count = np.diff(seen.first)
+    good = found.in_front & (count >= options.min_keyframes) & (found.angle > np.deg2rad(options.min_angle_deg)) & (found.rms < 4 * growth.scale)
+    if good.sum() < 50:
+        good = found.in_front & (count >= 2)
+    order = np.argsort(-np.where(good, count, 0), kind="stable")[: options.points]
+    use = np.zeros(len(keyed.track), bool)
+    use[kept[order[good[order]]]] = True
+    xyz = growth.xyz.copy()
+    xyz[kept] = found.xyz
+    seen, kept = restrict(keyed.seen, use, growth.posed)
+    bundle = Bundle(growth.values, growth.rotation[growth.posed], growth.translation[growth.posed], xyz[kept])
+    scale = growth.scale
+    best = adjust(bundle, seen, scale=scale, prior=prior, max_iterations=10, tolerance=1e-4)
+    terms = 0
+    scale = max(options.growth.scale_sigmas * robust_scale(best.residual), 0.02)
+    best = adjust(best.bundle, seen, scale=scale, prior=prior)
+    num = len(seen.camera) / options.independent
+    for candidate in (1, 2):
+        progress("Weighing lens distortion", candidate, 2)
+        tried = adjust(best.bundle, seen, scale=scale, radial_terms=candidate, prior=prior)
+        variance = robust_scale(tried.residual) ** 2
+        # BIC: twice the rise of the log-likelihood must beat log(n) a term, with n the observations that are independent.
+        if 2 * (best.cost - tried.cost) / variance / options.independent > (candidate - terms) * np.log(num):
+            best, terms = tried, candidate
+    if terms:
+        scale = max(options.growth.scale_sigmas * robust_scale(best.residual), 0.02)
+        best = adjust(best.bundle, seen, scale=scale, radial_terms=terms, prior=prior)
+    return best, seen, kept, terms, scale
+
+
+def _put_back(growth: Growth, adjusted: Adjusted, kept: Int[np.ndarray, "kept"]) -> Growth:
+    rotation, translation = growth.rotation.copy(), growth.translation.copy()
+    rotation[growth.posed], translation[growth.posed] = adjusted.bundle.rotation, adjusted.bundle.translation
+    xyz = growth.xyz.copy()
+    xyz[kept] = adjusted.bundle.xyz
+    return replace(growth, values=adjusted.bundle.intrinsics, rotation=rotation, translation=translation, xyz=xyz)
+
+
+def _pose_all(
+    table: FrameTable,
+    keyframes: Int[np.ndarray, "keyframes"],
+    growth: Growth,
+    keyed: KeyframeTable,
+    scale: float,
+    seed: int,
+    options: SfmOptions,
+    progress: Progress,
+) -> tuple[Float[np.ndarray, "frames 3 3"], Float[np.ndarray, "frames 3"], Bool[np.ndarray, "frames"]]:
+    """Every frame against the keyframes' points, from poses interpolated between the posed frames on both sides."""
+    seen, kept = restrict(keyed.seen, np.ones(len(keyed.track), bool), growth.posed)
+    found = triangulate(growth.values, growth.rotation[growth.posed], growth.translation[growth.posed], seen, scale=scale, start=growth.xyz[kept])
+    good = found.in_front & (found.rms < 4 * scale) & (found.angle > np.deg2rad(options.growth.min_angle_deg)) & (np.diff(seen.first) >= 2)
+    xyz = np.full((table.num_tracks, 3), np.nan)
+    xyz[keyed.track[kept[good]]] = found.xyz[good]
+    rotation, translation = np.tile(np.eye(3), (table.num_frames, 1, 1)), np.zeros((table.num_frames, 3))
+    posed = np.zeros(table.num_frames, bool)
+    at = keyframes[growth.posed]
+    rotation[at], translation[at], posed[at] = growth.rotation[growth.posed], growth.translation[growth.posed], True
+    for k in steps(range(table.num_frames), "Posing frames", progress):
+        rows = np.arange(table.start[k], table.start[k + 1])
+        rows = rows[np.isfinite(xyz[table.track[rows], 0])]
+        guesses = (Rigid(rotation[k], translation[k]),) if posed[k] else _between(rotation, translation, posed, k)
+        outcome = resect(growth.values, xyz[table.track[rows]], table.xy[rows], scale=scale, guesses=guesses, seed=seed, options=options.resection)
+        if isinstance(outcome, Posed):
+            rotation[k], translation[k], posed[k] = outcome.cam_from_world.rotation, outcome.cam_from_world.translation, True
+        else:
+            rotation[k], translation[k], posed[k] = np.eye(3), np.zeros(3), False
+    return rotation, translation, posed
+
+
+def _between(
+    rotation: Float[np.ndarray, "frames 3 3"], translation: Float[np.ndarray, "frames 3"], posed: Bool[np.ndarray, "frames"], k: int
+) -> tuple[Rigid, ...]:
+    """The pose interpolated between the posed frames around `k`, and theirs."""
+    at = np.nonzero(posed)[0]
+    before, after = at[at < k], at[at > k]
+    if not len(before) or not len(after):
+        near = before[-1] if len(before) else after[0]
+        return (Rigid(rotation[near], translation[near]),)
+    a, b = int(before[-1]), int(after[0])
+    part = (k - a) / (b - a)
+    turn = rotation[b] @ rotation[a].T
+    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    size = float(np.linalg.norm(vector))
+    angle = float(np.arctan2(size, np.trace(turn) - 1.0))
+    vector = vector / size * angle if size > 1e-12 else np.zeros(3)
+    r = rotations_from_vectors((part * vector)[None])[0] @ rotation[a]
+    centre = -(1 - part) * rotation[a].T @ translation[a] - part * rotation[b].T @ translation[b]
+    return Rigid(r, -r @ centre), Rigid(rotation[a], translation[a]), Rigid(rotation[b], translation[b])
+
+
+def _result(
+    table: FrameTable,
+    keyframes: Int[np.ndarray, "keyframes"],
+    growth: Growth,
+    rotation: Float[np.ndarray, "frames 3 3"],
+    translation: Float[np.ndarray, "frames 3"],
+    posed: Bool[np.ndarray, "frames"],
+    radial_terms: int,
+    scale: float,
+    focal: FocalUncertainty,
+    image_size: tuple[int, int],
+    parallax: float,
+    warnings: tuple[str, ...],
+    options: SfmOptions,
+) -> Solved | Refused:
+    """All tracks triangulated from all posed frames, in the units and the frame that are handed out."""
+    frame_of = np.repeat(np.arange(table.num_frames), np.diff(table.start))
+    rows = np.nonzero(posed[frame_of])[0]
+    if not len(rows):
+        return Refused("lost", "Not one frame could be posed. Film a static scene, walking around it slowly.")
+    new = np.cumsum(posed) - 1
+    seen = observations(table.track[rows], new[frame_of[rows]], table.xy[rows], table.num_tracks)
+    found = triangulate(growth.values, rotation[posed], translation[posed], seen, scale=scale)
+    good = np.nonzero(found.in_front & (found.rms < 4 * scale) & (found.angle > np.deg2rad(options.growth.min_angle_deg)) & (np.diff(seen.first) >= 3))[0]
+    if len(good) < options.resection.min_inliers:
+        return Refused("lost", "Hardly any point of the scene could be placed. Film a static scene, walking around it slowly.")
+    xyz, covariance = found.xyz[good], found.covariance[good]
+    sigma, median = _residuals(growth.values, rotation[posed], translation[posed], seen, found.xyz, good)
+
+    base = int(keyframes[np.nonzero(growth.posed)[0][0]])
+    world = Rigid(rotation[base], translation[base])
+    unit = 10.0 / float(np.median((xyz @ world.rotation.T + world.translation)[:, 2]))
+    moved = Rigid(world.rotation.T, -world.rotation.T @ world.translation)
+    new_rotation = np.where(posed[:, None, None], rotation @ moved.rotation, np.eye(3))
+    new_translation = np.where(posed[:, None], unit * (rotation @ moved.translation + translation), 0.0)
+    points = ScenePoints(xyz=unit * world.apply(xyz), track_index=good, covariance=unit**2 * sigma**2 * (world.rotation @ covariance @ world.rotation.T))
+    lower, upper = focal.interval
+    estimate = float(growth.values[0])
+    if upper is None or (upper - lower) / estimate > options.near_affine:
+        bound = "nothing bounds it from above" if upper is None else f"to {upper:.0f}"
+        warnings = (*warnings, f"The clip is nearly affine: the focal length is hardly observable (95 % interval from {lower:.0f} pixels, {bound}). "
+                    "Lengths in depth are uncertain; give the focal length if it is known, or film from closer.")  # fmt: skip
+    if not posed.all():
+        warnings = (*warnings, f"{int((~posed).sum())} of {table.num_frames} frames have no camera: too few known features are seen there.")
+    cameras = Cameras(
+        intrinsics=intrinsics_value(growth.values, image_size, radial_terms),
+        frame=table.frame, rotation=new_rotation, translation=new_translation, posed=posed,
+        focal_sigma=focal.sigma, focal_interval=focal.interval,
+    )  # fmt: skip
+    summary = SfmSummary(
+        median_residual=median, sigma=sigma, keyframes=tuple(int(table.frame[k]) for k in keyframes[growth.posed]), radial_terms=radial_terms,
+        focal_inflation=focal.inflation, parallax=parallax, frames_posed=int(posed.sum()), warnings=warnings,
+    )  # fmt: skip
+    return Solved(cameras=cameras, points=points, summary=summary)
+
+
+def _residuals(
+    values: Float[np.ndarray, "5"],
+    rotation: Float[np.ndarray, "cameras 3 3"],
+    translation: Float[np.ndarray, "cameras 3"],
+    seen: Observations,
+    xyz: Float[np.ndarray, "points 3"],
+    good: Int[np.ndarray, "good"],
+) -> tuple[float, float]:
+    """Standard deviation of a coordinate by MAD, and the median length of a residual, over the points in `good`."""
+    use = np.zeros(len(xyz), bool)
+    use[good] = True
+    rows = np.nonzero(use[seen.point])[0]
+    point, camera = seen.point[rows], seen.camera[rows]
+    x = np.einsum("oij,oj->oi", rotation[camera], xyz[point]) + translation[camera]
+    uv = x[:, :2] / x[:, 2:]
+    r2 = (uv**2).sum(axis=1, keepdims=True)
+    residual = values[1:3] + values[0] * (1 + values[3] * r2 + values[4] * r2**2) * uv - seen.xy[rows]
+    return robust_scale(residual), float(np.median(np.linalg.norm(residual, axis=1)))
