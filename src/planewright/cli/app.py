@@ -19,10 +19,11 @@ Threads = Annotated[int, typer.Option(min=1, help="Threads of the pixel kernels;
 Force = Annotated[bool, typer.Option("--force", help="Replace a finished result in the output folder.")]
 
 
-def _version(asked: bool) -> None:
+def _version(asked: bool) -> bool:
     if asked:
         typer.echo(f"planewright {planewright.__version__}")
         raise typer.Exit
+    return asked
 
 
 @app.callback()
