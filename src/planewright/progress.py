@@ -1,11 +1,12 @@
 """How a long step reports that it is alive, and how it is stopped: the callback raises `Cancelled`."""
 
 from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 Item = TypeVar("Item")
 
 
+@runtime_checkable
 class Progress(Protocol):
     """Called often from inside long steps. Raise `Cancelled` in it to stop the work."""
 

@@ -1,11 +1,12 @@
 """What the steps ask of a clip: some of its frames, in order, one at a time. Nobody holds a whole clip in memory."""
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from planewright.arrays import ColorImage, GrayImage
 
 
+@runtime_checkable
 class Frames(Protocol):
     """Frames by their number in the clip."""
 
