@@ -131,7 +131,7 @@ class Place:
 
 
 def _kind(value: object) -> str:
-    names = {bool: "true or false", str: "text", int: "a number", float: "a number", list: "a list", dict: "an object", type(None): "null"}
+    names: dict[type, str] = {bool: "true or false", str: "text", int: "a number", float: "a number", list: "a list", dict: "an object", type(None): "null"}
     return names.get(type(value), "something else")
 
 
