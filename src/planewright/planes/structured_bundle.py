@@ -124,10 +124,8 @@ def solve_structure(
     points = middle + diagonal * state.points
     normals = sign[:, None] * state.directions[problem.plane_direction[face_plane]]
     offsets = sign * diagonal * state.offsets[face_plane] + normals @ middle
-    if found.feasible:
-        inner = constrained_covariance(problem, state, solver)
-    else:
-        inner = np.zeros((problem.num_unknowns, problem.num_unknowns))
+    size = problem.num_unknowns
+    inner = constrained_covariance(problem, state, solver) if found.feasible else np.zeros((size, size))
     terms = problem.terms(state)
     corner_sigma = np.sqrt(np.maximum([inner[c, c].sum() for c in problem.point_columns(np.arange(len(points)))], 0.0))
     point_known = (corner_sigma < options.unknown_point) & np.isfinite(points).all(axis=1)
