@@ -1,0 +1,47 @@
+"""A clip with known truth: a scene, a path, a camera, and how it is filmed."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planewright.geometry.camera import Intrinsics
+from planewright.synthetic.motion import Path
+from planewright.synthetic.render import CompiledScene, RenderedFrames, Renderer, RenderOptions, compile_scene
+from planewright.synthetic.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class SyntheticClip:
+    """Everything that decides the pixels and the truth. Painting and lighting happen once, at the first frame."""
+
+    name: str
+    scene: Scene
+    path: Path
+    intrinsics: Intrinsics
+    options: RenderOptions
+
+    @property
+    def num_frames(self) -> int:
+        """Frames of the clip."""
+        return self.path.num_frames
+
+    @cached_property
+    def compiled(self) -> CompiledScene:
+        """The painted and lit scene."""
+        return compile_scene(self.scene, self.options.seed)
+
+    @property
+    def renderer(self) -> Renderer:
+        """Draws its frames."""
+        return Renderer(self.scene, self.compiled, self.path, self.intrinsics, self.options)
+
+    @property
+    def frames(self) -> RenderedFrames:
+        """Its frames, drawn on demand."""
+        return RenderedFrames(self.renderer, range(self.num_frames))
+
+
+def centered_camera(size: tuple[int, int], focal_in_widths: float) -> Intrinsics:
+    """A camera without distortion whose focal length is that many image widths."""
+    return Intrinsics(focal_in_widths * size[0], np.array([size[0] / 2, size[1] / 2]), size)

@@ -1,0 +1,175 @@
+"""The truth of a clip as JSON (`planewright-truth`), and the sketch a person would draw on it."""
+
+from itertools import combinations
+
+import numpy as np
+
+from planewright.arrays import Bool, Float
+from planewright.geometry.rigid import Rigid
+from planewright.sfm.cameras import Cameras
+from planewright.sketch.graph import Edge, FaceId, PointId, Sketch, SketchFace, SketchPoint
+from planewright.synthetic.clip import SyntheticClip
+from planewright.synthetic.polygons import flatten
+from planewright.synthetic.scene import Scene, loop_normal
+
+_SLACK = 0.004
+"""Share of the scene's diagonal by which a cover must be nearer than a corner to hide it (docs/file-format.md)."""
+_NEAR_MISS_DEG = 15.0
+_EXACT_DEG = 1e-6
+"""The scenes are exact to rounding, and what is meant to be off is off by degrees."""
+
+
+def object_poses(clip: SyntheticClip) -> list[Rigid]:
+    """cam_from_world of every frame; where the object turns, the world is the object's own frame."""
+    turning = any(s.moving for s in clip.scene.surfaces)
+    poses = [clip.path.cam_from_world(float(k)) for k in range(clip.num_frames)]
+    return [pose @ clip.path.world_from_object(float(k)) for k, pose in enumerate(poses)] if turning else poses
+
+
+def true_cameras(clip: SyntheticClip) -> Cameras:
+    """The cameras as the walk's own type."""
+    poses = object_poses(clip)
+    return Cameras(
+        intrinsics=clip.intrinsics,
+        frame=np.arange(len(poses)),
+        rotation=np.array([p.rotation for p in poses]),
+        translation=np.array([p.translation for p in poses]),
+        posed=np.ones(len(poses), np.bool_),
+        focal_sigma=0.0,
+        focal_interval=(clip.intrinsics.focal, clip.intrinsics.focal),
+    )
+
+
+def true_tracks(clip: SyntheticClip) -> tuple[Float[np.ndarray, "points frames 2"], Bool[np.ndarray, "points frames"], Bool[np.ndarray, "points frames"]]:
+    """Pixels of every corner in every frame, whether it is visible, and whether it lies in the image; points in the scene's order.
+
+    Visible: in the image, a sketched face at the corner looks at the camera, and nothing nearer by 0.4 % of the scene's diagonal covers it.
+    """
+    scene = clip.scene
+    points = scene.corner_array(list(scene.points))
+    poses = object_poses(clip)
+    centers = np.array([-p.rotation.T @ p.translation for p in poses])
+    in_cam = np.stack([p.apply(points) for p in poses], axis=1)
+    ahead = in_cam[..., 2] > 1e-9
+    safe = np.where(ahead[..., None], in_cam, [0.0, 0.0, 1.0])
+    xy = clip.intrinsics.project(safe.reshape(-1, 3)).reshape(*in_cam.shape[:2], 2)
+    in_image = ahead & np.all((xy >= 0) & (xy < np.array(clip.intrinsics.image_size)), axis=2)
+    facing = np.zeros_like(in_image)
+    order = {k: i for i, k in enumerate(scene.points)}
+    for face in scene.faces:
+        loop = scene.corner_array(face.loop)
+        looks = (centers - loop[0]) @ loop_normal(loop) > 0
+        for k in (*face.loop, *(k for hole in face.holes for k in hole)):
+            facing[order[k]] |= looks
+    turning = any(s.moving for s in scene.surfaces)
+    covers = flatten([s for s in scene.surfaces if s.moving == turning])
+    return xy, in_image & facing & ~covers.covered(points, centers, _SLACK * scene.diagonal), in_image
+
+
+def face_planes(scene: Scene) -> tuple[Float[np.ndarray, "faces 3"], Float[np.ndarray, "faces"]]:
+    """Outward unit normals and offsets of the sketched faces."""
+    loops = [scene.corner_array(f.loop) for f in scene.faces]
+    normals = np.array([loop_normal(loop) for loop in loops])
+    return normals, np.array([float((loop @ n).mean()) for loop, n in zip(loops, normals, strict=True)])
+
+
+def _relations(scene: Scene) -> tuple[dict[str, list[list[str]]], list[dict[str, object]]]:
+    """Pairs of faces that are parallel, orthogonal, coplanar; and those that nearly are. Read off exact planes, so closed under transitivity."""
+    normals, offsets = face_planes(scene)
+    ids = [f.id for f in scene.faces]
+    relations: dict[str, list[list[str]]] = {"parallel": [], "orthogonal": [], "coplanar": []}
+    near: list[dict[str, object]] = []
+    for i, j in combinations(range(len(ids)), 2):
+        cosine = abs(float(normals[i] @ normals[j]))
+        angle = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(normals[i], normals[j])), cosine)))
+        pair = [ids[i], ids[j]]
+        if angle < _EXACT_DEG:
+            relations["parallel"].append(pair)
+            if abs(offsets[i] - np.sign(normals[i] @ normals[j]) * offsets[j]) < 1e-9 * scene.diagonal:
+                relations["coplanar"].append(pair)
+        elif angle > 90 - _EXACT_DEG:
+            relations["orthogonal"].append(pair)
+        elif angle < _NEAR_MISS_DEG:
+            near.append({"a": ids[i], "b": ids[j], "kind": "near_parallel", "angle_deg": round(angle, 3)})
+        elif angle > 90 - _NEAR_MISS_DEG:
+            near.append({"a": ids[i], "b": ids[j], "kind": "near_orthogonal", "angle_deg": round(angle, 3)})
+    return relations, near
+
+
+def truth(clip: SyntheticClip) -> dict[str, object]:
+    """The `planewright-truth` of a clip, ready for `json.dump`."""
+    scene, camera = clip.scene, clip.intrinsics
+    xy, visible, in_image = true_tracks(clip)
+    normals, offsets = face_planes(scene)
+    relations, near = _relations(scene)
+    return {
+        "format": "planewright-truth",
+        "version": 1,
+        "image_size": list(camera.image_size),
+        "num_frames": clip.num_frames,
+        "camera": {
+            "model": "PINHOLE",
+            "focal": [camera.focal, camera.focal],
+            "principal_point": [float(c) for c in camera.principal_point],
+            "distortion": [0.0, 0.0],
+        },
+        "frames": [
+            {"index": k, "cam_from_world": {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}}
+            for k, pose in enumerate(object_poses(clip))
+        ],
+        "points": [{"id": k, "xyz": list(p)} for k, p in scene.points.items()],
+        "faces": [
+            {"id": f.id, "loop": list(f.loop), "holes": [list(h) for h in f.holes], "normal": normals[i].tolist(), "offset": float(offsets[i])}
+            for i, f in enumerate(scene.faces)
+        ],
+        "relations": relations,
+        "near_misses": near,
+        "tracks": {
+            k: {"xy": np.round(xy[i], 3).tolist(), "visible": visible[i].astype(int).tolist(), "in_image": in_image[i].astype(int).tolist()}
+            for i, k in enumerate(scene.points)
+        },
+    }
+
+
+def main_frame(visible: Bool[np.ndarray, "points frames"]) -> int:
+    """The frame with most corners visible, the one nearest to mid-clip among equals: where a person would draw."""
+    count = visible.sum(axis=0)
+    best = np.flatnonzero(count == count.max())
+    return int(best[np.argmin(np.abs(best - visible.shape[1] // 2))])
+
+
+def draw(clip: SyntheticClip, rng: np.random.Generator, click_noise: float = 1.0, with_faces: bool = True) -> Sketch:
+    """The sketch of a clip: corners clicked in its main frame, hidden ones in the nearest frame that shows them well inside the image.
+
+    click_noise: standard deviation of a click on each axis, pixels. A corner that no frame shows is left out, and so are its edges and faces.
+    """
+    xy, visible, _ = true_tracks(clip)
+    scene, size = clip.scene, np.array(clip.intrinsics.image_size)
+    main = main_frame(visible)
+    # A click two pixels or more inside the image: what lies on the very border cannot be seen well enough to click.
+    clear = visible & np.all((xy > 2) & (xy < size - 2), axis=2)
+    clicks = rng.normal(0.0, click_noise, (len(xy), 2)) if click_noise > 0 else np.zeros((len(xy), 2))
+    marked: list[SketchPoint] = []
+    for i, k in enumerate(scene.points):
+        shown = np.flatnonzero(clear[i])
+        if len(shown) == 0:
+            continue
+        # A hidden corner is marked some frames after it comes into sight, as who scrubs through a clip would.
+        frame = main
+        if not clear[i, main]:
+            nearest = int(np.argmin(np.abs(shown - main)))
+            deeper = nearest - 8 if shown[nearest] < main else nearest + 8
+            frame = int(shown[np.clip(deeper, 0, len(shown) - 1)])
+        x, y = np.round(xy[i, frame] + clicks[i], 2)
+        marked.append(SketchPoint(PointId(k), {frame: (float(x), float(y))}))
+    known = {p.id for p in marked}
+    faces = tuple(
+        SketchFace(FaceId(f.id), tuple(PointId(k) for k in f.loop), tuple(tuple(PointId(k) for k in h) for h in f.holes))
+        for f in scene.faces
+        if known.issuperset((*f.loop, *(k for h in f.holes for k in h)))
+    )
+    edges: set[Edge] = set()
+    for face in faces:
+        for ring in (face.loop, *face.holes):
+            edges.update((min(a, b), max(a, b)) for a, b in zip(ring, (*ring[1:], ring[0]), strict=True))
+    return Sketch(tuple(marked), clip.intrinsics.image_size, tuple(sorted(edges)), faces if with_faces else ())

@@ -1,0 +1,64 @@
+"""A clip written down: H.264 video, `sketch.json`, `truth.json`."""
+
+import json
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+
+from planewright.errors import OutputError
+from planewright.progress import Progress, silent, steps
+from planewright.sketch.graph import Sketch
+from planewright.synthetic.clip import SyntheticClip
+from planewright.synthetic.observe import draw, truth
+
+
+def write_video(clip: SyntheticClip, file: Path, crf: int = 23, fps: int = 30, *, progress: Progress = silent) -> None:
+    """H.264 in MP4, frame by frame: memory does not grow with the clip. One encoder thread, so that the bytes do not depend on the machine's cores.
+
+    Raises OutputError where the file cannot be written.
+    """
+    width, height = clip.intrinsics.image_size
+    try:
+        with av.open(str(file), "w") as container:
+            stream = container.add_stream("libx264", rate=fps, options={"crf": str(crf), "preset": "veryfast", "threads": "1"})
+            stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+            stream.time_base = Fraction(1, fps)
+            renderer = clip.renderer
+            for number in steps(range(clip.num_frames), "Drawing frames", progress):
+                frame = av.VideoFrame.from_ndarray(renderer.frame(number), format="rgb24")
+                frame.pts = number
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+    except OSError as error:
+        raise OutputError(f"The clip cannot be written to {file.name}: {error.strerror or error}. Choose another folder, or free some space.") from error
+
+
+def sketch_json(sketch: Sketch) -> dict[str, object]:
+    """The drawn part of a sketch as `planewright-sketch`: points, edges, faces."""
+    content: dict[str, object] = {
+        "format": "planewright-sketch",
+        "version": 1,
+        "points": [{"id": p.id, "marks": {str(k): list(xy) for k, xy in sorted(p.marks.items())}} for p in sketch.points],
+        "edges": [list(e) for e in sketch.edges],
+    }
+    if sketch.image_size is not None:
+        content["image_size"] = list(sketch.image_size)
+    if sketch.faces:
+        content["faces"] = [{"id": f.id, "loop": list(f.loop), "holes": [list(h) for h in f.holes], "open": f.open} for f in sketch.faces]
+    return content
+
+
+def write_clip(clip: SyntheticClip, folder: Path, *, progress: Progress = silent) -> tuple[Path, Path, Path]:
+    """`clip.mp4`, `sketch.json` and `truth.json` in a folder that is made when missing; returns their paths."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        video, drawing, known = folder / "clip.mp4", folder / "sketch.json", folder / "truth.json"
+        sketch = draw(clip, np.random.default_rng((clip.options.seed, 2)))
+        drawing.write_text(json.dumps(sketch_json(sketch), indent=1), encoding="utf-8")
+        known.write_text(json.dumps(truth(clip)), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"The truth cannot be written to {folder.name}: {error.strerror or error}. Choose another folder, or free some space.") from error
+    write_video(clip, video, progress=progress)
+    return video, drawing, known
