@@ -65,7 +65,9 @@ def score_planes(images, targets, homographies, shifts, pixels, basis, values, p
 
 @njit(cache=True)
 def plane_equations(images, targets, homographies, shifts, pixels, basis, values, owners, face, owner_scale, plane, noise, hessian, gradient, stats):
-    """Gauss-Newton equations of a plane over all targets, gain and bias of each target eliminated.
+    """Gauss-Newton equations of a plane over all targets; a gain and a bias that may slope over the face are eliminated for each target.
+
+    The slope matters on bare faces: light that changes smoothly over a face would else pass for parallax (2.5 degrees on a small plain gable).
 
     As in `score_planes`; owners (V, h2, w2) int16 says which face is nearest at `owner_scale` times the resolution (a 1x1
     array switches it off); a pixel counts only where `face` or nothing is nearest. noise: floor of the residual's sigma, grey levels.
@@ -78,6 +80,9 @@ def plane_equations(images, targets, homographies, shifts, pixels, basis, values
     val = np.empty(n)
     ref = np.empty(n)
     w = np.empty(n)
+    place = np.empty((n, 2))
+    shade = np.empty(4)
+    model = np.empty(4)
     hessian[:, :] = 0.0
     gradient[:] = 0.0
     cost = 0.0
@@ -110,6 +115,8 @@ def plane_equations(images, targets, homographies, shifts, pixels, basis, values
             ref[count] = values[i]
             for c in range(3):
                 dens[count, c] = slope * basis[i, c]
+            place[count, 0] = basis[i, 0]
+            place[count, 1] = basis[i, 1]
             count += 1
         stats[t, 0] = -1.0
         stats[t, 1] = count / n
@@ -117,23 +124,29 @@ def plane_equations(images, targets, homographies, shifts, pixels, basis, values
         if count < 20 or 4 * count < n:
             continue
         w[:count] = 1.0
-        gain, bias, sigma = 1.0, 0.0, noise
+        sigma = noise
+        model[:] = 0.0
+        model[0] = 1.0
         for _ in range(4):
-            sw = sa = sb = saa = sab = 0.0
-            for i in range(count):
-                sw += w[i]
-                sa += w[i] * ref[i]
-                sb += w[i] * val[i]
-                saa += w[i] * ref[i] * ref[i]
-                sab += w[i] * ref[i] * val[i]
+            c4 = np.zeros((4, 4))
+            e4 = np.zeros(4)
             # a weak prior (gain 1 +- 0.5) keeps bare faces from having their texture scaled away
-            va = saa - sa * sa / sw
-            prior = 4.0 * sigma * sigma
-            gain = (sab - sa * sb / sw + prior) / (va + prior)
-            gain = min(max(gain, 0.3), 3.0)
-            bias = (sb - gain * sa) / sw
+            c4[0, 0] = 4.0 * sigma * sigma
+            e4[0] = 4.0 * sigma * sigma
             for i in range(count):
-                res[i] = val[i] - gain * ref[i] - bias
+                shade[0] = ref[i]
+                shade[1] = 1.0
+                shade[2] = place[i, 0]
+                shade[3] = place[i, 1]
+                for c in range(4):
+                    e4[c] += w[i] * shade[c] * val[i]
+                    for d in range(4):
+                        c4[c, d] += w[i] * shade[c] * shade[d]
+            for c in range(4):
+                c4[c, c] += 1e-9 * (c4[c, c] + 1.0)
+            model[:] = np.linalg.solve(c4, e4)
+            for i in range(count):
+                res[i] = val[i] - model[0] * ref[i] - model[1] - model[2] * place[i, 0] - model[3] * place[i, 1]
             sigma = max(noise, 1.4826 * np.median(np.abs(res[:count])))
             for i in range(count):
                 r = res[i] / (2.0 * sigma)
@@ -152,37 +165,44 @@ def plane_equations(images, targets, homographies, shifts, pixels, basis, values
         if va > 1e-9 and vb > 1e-9:
             stats[t, 0] = (sab - sa * sb / sw) / np.sqrt(va * vb)
         stats[t, 2] = sigma
+        # normal equations in (plane, shading), the shading eliminated
         info = 1.0 / (sigma * sigma)
-        # normal equations in (plane, gain, bias), the last two eliminated
         h = np.zeros((3, 3))
         g = np.zeros(3)
-        cross = np.zeros((3, 2))
-        c00 = saa + 4.0 * sigma * sigma
-        c01 = sa
-        c11 = sw
-        e0 = e1 = 0.0
+        cross = np.zeros((3, 4))
+        c4 = np.zeros((4, 4))
+        e4 = np.zeros(4)
+        c4[0, 0] = 4.0 * sigma * sigma
         for i in range(count):
             wi = w[i]
+            shade[0] = -ref[i]
+            shade[1] = -1.0
+            shade[2] = -place[i, 0]
+            shade[3] = -place[i, 1]
             for c in range(3):
                 g[c] += wi * dens[i, c] * res[i]
-                cross[c, 0] -= wi * dens[i, c] * ref[i]
-                cross[c, 1] -= wi * dens[i, c]
+                for d in range(4):
+                    cross[c, d] += wi * dens[i, c] * shade[d]
                 for d in range(c + 1):
                     h[c, d] += wi * dens[i, c] * dens[i, d]
-            e0 -= wi * ref[i] * res[i]
-            e1 -= wi * res[i]
+            for c in range(4):
+                e4[c] += wi * shade[c] * res[i]
+                for d in range(4):
+                    c4[c, d] += wi * shade[c] * shade[d]
             q = res[i] / (2.0 * sigma)
             cost += 2.0 * np.log(1.0 + q * q) + np.log(sigma)
-        det = c00 * c11 - c01 * c01
-        if det <= 1e-12:
-            continue
-        i00, i01, i11 = c11 / det, -c01 / det, c00 / det
+        for c in range(4):
+            c4[c, c] += 1e-9 * (c4[c, c] + 1.0)
+        solved = np.linalg.solve(c4, cross.T)
         for c in range(3):
-            k0 = cross[c, 0] * i00 + cross[c, 1] * i01
-            k1 = cross[c, 0] * i01 + cross[c, 1] * i11
-            gradient[c] += info * (g[c] - k0 * e0 - k1 * e1)
+            for d in range(4):
+                g[c] -= solved[d, c] * e4[d]
+            gradient[c] += info * g[c]
             for d in range(c + 1):
-                hessian[c, d] += info * (h[c, d] - k0 * cross[d, 0] - k1 * cross[d, 1])
+                low = h[c, d]
+                for k in range(4):
+                    low -= cross[c, k] * solved[k, d]
+                hessian[c, d] += info * low
         used += count
     for c in range(3):
         for d in range(c):

@@ -6,7 +6,7 @@ short baseline, then Gauss-Newton with gain and bias of each view eliminated whi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -68,9 +68,10 @@ class PhotometricPlane:
     """Mean share of the pixels used in the target views."""
     shift: float
     """Largest displacement that the views of the last stage give to the face when its depth is doubled, working pixels."""
-    rho_sigma: float
-    """Formal standard deviation of the inverse depth at the face's centre, relative."""
-    extra: dict[str, float] = field(default_factory=dict)
+    used: int
+    """Pixels compared, over all target views of the last stage."""
+    residual: float
+    """Robust sigma of the grey value differences, the median over the target views."""
 
 
 def reference_from_mask(views: Views, view: int, mask: Bool[np.ndarray, "height width"], options: PhotometricOptions) -> Reference | None:
@@ -320,10 +321,8 @@ def refine(
                 return result
             if zncc < 0.25:
                 return None if result is None else result
-            variance = np.linalg.pinv(now.hessian)
-            result = PhotometricPlane(
-                reference, plane, now.hessian, zncc, float(weight.mean()), float(shift[targets].max()), float(np.sqrt(max(variance[2, 2], 0.0)) / plane[2])
-            )
+            residual = float(np.median(now.stats[weight > 0, 2]))
+            result = PhotometricPlane(reference, plane, now.hessian, zncc, float(weight.mean()), float(shift[targets].max()), now.used, residual)
         if final:
             return result
         limit *= options.growth

@@ -1,0 +1,40 @@
+"""Corners drawn inside a face that lie on its plane: chimney feet on a roof, a box on a table."""
+
+import numpy as np
+
+from planewright.arrays import Bool, Float, Int
+from planewright.lifting.rays import MarkRays
+from planewright.sketch.graph import Sketch
+from planewright.tracking.visibility import inside_polygon, polygons_of
+
+
+def propose_incidences(
+    sketch: Sketch,
+    rays: MarkRays,
+    points: Float[np.ndarray, "points 3"],
+    known: Bool[np.ndarray, "points"],
+    normals: Float[np.ndarray, "faces 3"],
+    offsets: Float[np.ndarray, "faces"],
+    face_known: Bool[np.ndarray, "faces"],
+    tolerance: float = 0.01,
+) -> Int[np.ndarray, "incidences 2"]:
+    """(face, point) of known corners over the inside of a known face and within `tolerance` times their depth of its plane.
+
+    These are proposals: the adjustment keeps those that agree with the views.
+    """
+    polygons = polygons_of(sketch, points, np.where(face_known[:, None], normals, np.nan), offsets)
+    row = {point.id: i for i, point in enumerate(sketch.points)}
+    found: list[tuple[int, int]] = []
+    for f, face in enumerate(sketch.faces):
+        if not face_known[f]:
+            continue
+        own = {row[c] for c in face.corners}
+        for c in np.nonzero(known)[0]:
+            marks = rays.of_point(int(c))
+            if int(c) in own or len(marks) == 0:
+                continue
+            depth = float(np.linalg.norm(points[c] - rays.origin[marks[0]]))
+            height = float(normals[f] @ points[c] - offsets[f])
+            if abs(height) < tolerance * depth and inside_polygon(polygons, f, (points[c] - height * normals[f])[None])[0]:
+                found.append((f, int(c)))
+    return np.array(found, int).reshape(-1, 2)

@@ -1,0 +1,186 @@
+"""The rounds: with the better model edges and faces are found again, nearer to where they are, and corners and planes solved again."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from planewright.arrays import Bool, Float
+from planewright.lifting.lift import Lifted, LiftOptions, lift_sketch
+from planewright.lifting.multiview import MultiviewOptions, measure_faces, plane_points, visible_shares
+from planewright.lifting.rays import MarkRays, mark_rays
+from planewright.lifting.views import ViewOptions, Views, load_views
+from planewright.planes.evidence import CornerMarks, CornerPriors, Evidence
+from planewright.planes.planar_scene import PlanarScene
+from planewright.planes.planar_start import PlanarStart
+from planewright.progress import Progress, silent
+from planewright.refine.incidences import propose_incidences
+from planewright.refine.sweeps import sweep_corners
+from planewright.relations.adjacency import Adjacency
+from planewright.relations.adjust import AdjustOptions, Structured, adjust_structure
+from planewright.relations.relation import Relation
+from planewright.sfm.cameras import Cameras, ScenePoints
+from planewright.sketch.graph import Sketch
+from planewright.tracking.edges import EdgeLine, EdgeOptions, corner_lines, edges_of_faces, measure_edges
+from planewright.tracking.visibility import owners_in_views, polygons_of
+from planewright.video.frames import Frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefineOptions:
+    """How the structure is found, from the first lift to the last adjustment."""
+
+    views: ViewOptions = field(default_factory=ViewOptions)
+    """Which frames are looked at."""
+    lift: LiftOptions = field(default_factory=LiftOptions)
+    """How the sketch is lifted."""
+    faces: MultiviewOptions = field(default_factory=MultiviewOptions)
+    """How faces are measured in many views."""
+    edges: EdgeOptions = field(default_factory=EdgeOptions)
+    """How edges are found; search and prior are those of the rounds below."""
+    search: tuple[float, ...] = (8.0, 5.0, 3.5)
+    """How far an edge is searched in each round, working pixels."""
+    prior: tuple[float, ...] = (3.0, 1.5, 1.0)
+    """How far off the present edges are thought to be in each round (standard deviation), working pixels."""
+    click_sigma: float = 1.0
+    """Standard deviation of a click an axis, pixels."""
+    patch_sigma: float = 0.01
+    """Relative depth sigma of a point located as a patch of its own."""
+    adjust: AdjustOptions = field(default_factory=AdjustOptions)
+    """The structured adjustment and its relations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Corners, planes and relations, with what a person should know about them."""
+
+    scene: PlanarScene
+    relations: tuple[Relation, ...]
+    adjacency: tuple[Adjacency, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    points: Float[np.ndarray, "points 3"]
+    known: Bool[np.ndarray, "points"]
+    normals: Float[np.ndarray, "faces 3"]
+    offsets: Float[np.ndarray, "faces"]
+    face_known: Bool[np.ndarray, "faces"]
+
+
+def refine_structure(
+    frames: Frames,
+    sketch: Sketch,
+    cameras: Cameras,
+    scene: ScenePoints,
+    options: RefineOptions = RefineOptions(),
+    *,
+    rng: np.random.Generator,
+    progress: Progress = silent,
+) -> Structure:
+    """Corners, planes and relations of a sketch in a clip with known cameras.
+
+    frames: without lens distortion (`video.undistort`); sketch: with its faces, marks in the same pixels as `frames`.
+    """
+    marked = sorted({frame for point in sketch.points for frame in point.marks})
+    views = load_views(frames, cameras, marked, options.views, progress=progress)
+    lifted = lift_sketch(views, sketch, scene, options.lift, rng=rng, progress=progress)
+    rays = mark_rays(views, sketch)
+    row = {point.id: i for i, point in enumerate(sketch.points)}
+    loops = [[[row[c] for c in loop] for loop in (face.loop, *face.holes)] for face in sketch.faces]
+    edges = edges_of_faces(loops, [face.open for face in sketch.faces])
+    drawn_set = {(min(row[a], row[b]), max(row[a], row[b])) for a, b in sketch.edges}
+    drawn = {(min(a, b), max(a, b)): not drawn_set or (min(a, b), max(a, b)) in drawn_set for _, a, b in edges}
+    state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known)
+    swept = sweep_corners(views, rays, edges, drawn, state.points, state.known, state.normals, state.face_known, options.click_sigma * views.scale)
+    state = replace(state, points=swept)
+    structured: Structured | None = None
+    lines: list[EdgeLine] = []
+    for turn, (search, prior) in enumerate(zip(options.search, options.prior, strict=True)):
+        progress("Refining corners and planes", turn, len(options.search))
+        state = _oriented(views, sketch, state)
+        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, state, search, prior, options)
+        scene_now = structured.scene
+        state = _State(scene_now.points, scene_now.point_known, scene_now.normals, scene_now.offsets, scene_now.face_known)
+    assert structured is not None
+    progress("Refining corners and planes", len(options.search), len(options.search))
+    notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
+    return Structure(structured.scene, structured.relations, structured.adjacency, notes)
+
+
+def _round(
+    views: Views,
+    sketch: Sketch,
+    rays: MarkRays,
+    edges: Sequence[tuple[int, int, int]],
+    drawn: dict[tuple[int, int], bool],
+    lifted: Lifted,
+    state: _State,
+    search: float,
+    prior: float,
+    options: RefineOptions,
+) -> tuple[Structured, list[EdgeLine]]:
+    owners = owners_in_views(views, polygons_of(sketch, state.points, _or_nan(state.normals, state.face_known), state.offsets))
+    estimates = measure_faces(views, state.normals, state.offsets, state.face_known, owners, options.faces, options.lift.photometric)
+    usable = [(f, a, b) for f, a, b in edges if state.face_known[f] and state.known[a] and state.known[b]]
+    lines = measure_edges(views, usable, state.points, state.normals, owners, drawn, replace(options.edges, search=search, prior=prior))
+    proposed = propose_incidences(sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known)
+    evidence = Evidence(
+        plane_points=plane_points(views, estimates, options.faces),
+        marks=_marks(views, rays, options.click_sigma * views.scale),
+        lines=corner_lines(lines, state.points),
+        priors=_patch_priors(views, rays, sketch, lifted, options),
+    )
+    start = PlanarStart(state.points, state.known, state.normals, state.offsets, state.face_known)
+    return adjust_structure(sketch, start, evidence, proposed, options.adjust), lines
+
+
+def _or_nan(normals: Float[np.ndarray, "faces 3"], known: Bool[np.ndarray, "faces"]) -> Float[np.ndarray, "faces 3"]:
+    return np.where(known[:, None], normals, np.nan)
+
+
+def _marks(views: Views, rays: MarkRays, sigma: float) -> CornerMarks:
+    return CornerMarks(rays.point, views.projections[rays.view], rays.xy, np.full(len(rays.point), sigma))
+
+
+def _patch_priors(views: Views, rays: MarkRays, sketch: Sketch, lifted: Lifted, options: RefineOptions) -> CornerPriors:
+    """Points in no face with a plane: where their patch put them, sure in depth only as far as a patch is."""
+    on_face = np.zeros(len(sketch.points), bool)
+    row = {point.id: i for i, point in enumerate(sketch.points)}
+    for f, face in enumerate(sketch.faces):
+        if lifted.face_known[f]:
+            on_face[[row[c] for c in face.corners]] = True
+    corner, mean, whitening = [], [], []
+    for c in np.nonzero(~on_face & lifted.point_known)[0]:
+        mark = rays.of_point(int(c))[0]
+        r = views.rotation[rays.view[mark]]
+        depth = float((lifted.points[c] - rays.origin[mark]) @ r[2])
+        across = 3.0 * depth / views.calibration[0, 0]  # the click itself says where across
+        corner.append(int(c))
+        mean.append(lifted.points[c])
+        whitening.append(np.diag([1 / across, 1 / across, 1 / (options.patch_sigma * depth)]) @ r)
+    return CornerPriors(np.array(corner, int), np.array(mean, float).reshape(-1, 3), np.array(whitening, float).reshape(-1, 3, 3))
+
+
+def _oriented(views: Views, sketch: Sketch, state: _State) -> _State:
+    """Normals towards the cameras that see the face: the side with more of it seen, all other faces in place."""
+    owners = owners_in_views(views, polygons_of(sketch, state.points, _or_nan(state.normals, state.face_known), state.offsets))
+    areas = visible_shares(views, owners, len(state.normals))
+    side = np.where(state.face_known, views.centers @ np.where(state.face_known[:, None], state.normals, 0.0).T - np.where(state.face_known, state.offsets, 0.0), 0.0)
+    turn = np.where((areas * np.sign(side)).sum(axis=0) < 0, -1.0, 1.0)
+    return _State(state.points, state.known, state.normals * turn[:, None], state.offsets * turn, state.face_known)
+
+
+def _edge_notes(sketch: Sketch, lines: Sequence[EdgeLine]) -> list[str]:
+    notes: list[str] = []
+    for line in lines:
+        if line.ambiguous and line.other_offset is not None:
+            a, b = (sketch.points[i].id for i in line.edge)
+            off = [abs(o - m) / line.pixel for o, m in zip(line.other_offset, line.offset, strict=True)]
+            notes.append(
+                f"Edge {a}-{b} is ambiguous on face {sketch.faces[line.face].id}: a second line runs {off[0]:.1f} and {off[1]:.1f} px "
+                f"beside it at its ends. Mark {a} or {b} in another frame to say which one is meant."
+            )
+    return notes
+

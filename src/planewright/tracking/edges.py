@@ -1,0 +1,256 @@
+"""Drawn edges found again in the images, all views at once.
+
+An edge lies in the plane of its face. Strips of grey values across it, cut in that plane, line up in every view when the plane is
+right, so their steepness may simply be averaged: what lies in the plane stays sharp, what lies before or behind it blurs. The
+edge is then the straight line across the strip with the highest mean steepness: two numbers, the offsets at its ends.
+A strong line parallel to the edge (a mortar joint beside a wall's corner) is a second maximum of the same map; it is the
+distance from where the corners are thought to be, and the other face of the edge, that decide between them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planewright.arrays import Bool, Float, Int, Vec3
+from planewright.lifting.views import Views
+from planewright.planes.evidence import CornerLines
+from planewright.tracking.kernels import edge_strip, line_scores
+
+
+@dataclass(frozen=True, kw_only=True)
+class EdgeOptions:
+    """How edges are searched."""
+
+    search: float = 6.0
+    """Largest offset of an end, working pixels in a view that sees the edge well."""
+    prior: float = 2.5
+    """Standard deviation of the present position of an end, the same pixels."""
+    step: float = 0.5
+    """Spacing of the offsets, the same pixels."""
+    sample_spacing: float = 2.5
+    """Spacing along the edge, the same pixels."""
+    max_samples: int = 64
+    """Samples along an edge."""
+    limit: float = 24.0
+    """Grey levels: steeper differences than this count for less and less, never for more than this: one bright stain must not be the edge."""
+    sigma: float = 0.4
+    """Standard deviation of a clear line in all, the same pixels: an edge's error is a bias common to all views (shading, rounding,
+    a line beside it), so more views do not make it smaller."""
+    min_contrast: float = 1.35
+    """The best line must be this much steeper than the strip's median."""
+    ambiguous: float = 0.88
+    """A second maximum with this share of the best one's score, over two pixels off, makes the edge ambiguous."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeLine:
+    """One edge found in the plane of one of its faces."""
+
+    edge: tuple[int, int]
+    """Rows of its points."""
+    face: int
+    across: Vec3
+    """Unit vector in the plane, at right angles to the edge."""
+    offset: tuple[float, float]
+    """Of the line at the two ends, along `across`, from the present corners; world units."""
+    sigma: tuple[float, float]
+    pixel: float
+    """World length of one working pixel across the edge, in a view that sees it well."""
+    contrast: float
+    """Steepness of the line over the strip's median."""
+    ambiguous: bool
+    other_offset: tuple[float, float] | None
+    """The second candidate of an ambiguous edge."""
+
+
+def edges_of_faces(loops: Sequence[Sequence[Sequence[int]]], open_faces: Sequence[bool]) -> list[tuple[int, int, int]]:
+    """(face, first point, second point) of every edge of every loop and hole; an open face has none between its last corner and its first."""
+    out: list[tuple[int, int, int]] = []
+    for f, own in enumerate(loops):
+        for number, loop in enumerate(own):
+            for i, a in enumerate(loop):
+                b = loop[(i + 1) % len(loop)]
+                if not (open_faces[f] and number == 0 and i == len(loop) - 1):
+                    out.append((f, a, b))
+    return out
+
+
+def measure_edges(
+    views: Views,
+    edges: Sequence[tuple[int, int, int]],
+    points: Float[np.ndarray, "points 3"],
+    normals: Float[np.ndarray, "faces 3"],
+    owners: Int[np.ndarray, "views height width"],
+    drawn: Mapping[tuple[int, int], bool],
+    options: EdgeOptions = EdgeOptions(),
+) -> list[EdgeLine]:
+    """Find each edge in the plane of each of its faces; edges whose strip shows no clear line are left out.
+
+    edges: (face, point, point) of faces and points that are known. drawn: False for edges of a loop that the person did not draw
+    (a border across a bare surface, say): they are not looked for.
+    """
+    projections = views.projections.copy()
+    projections[:, :2] -= 0.5 * projections[:, 2:3]
+    faces_at = _faces_at(edges, len(normals))
+    found: list[EdgeLine] = []
+    for f, a, b in edges:
+        key = (min(a, b), max(a, b))
+        if not drawn.get(key, True):
+            continue
+        line = _measure(views, projections, f, key, points, normals[f], owners, faces_at[key], options)
+        if line is not None:
+            found.append(line)
+    return found
+
+
+def _faces_at(edges: Sequence[tuple[int, int, int]], num_faces: int) -> dict[tuple[int, int], Bool[np.ndarray, "faces"]]:
+    out: dict[tuple[int, int], Bool[np.ndarray, "faces"]] = {}
+    for f, a, b in edges:
+        out.setdefault((min(a, b), max(a, b)), np.zeros(num_faces, bool))[f] = True
+    return out
+
+
+def _measure(
+    views: Views,
+    projections: Float[np.ndarray, "views 3 4"],
+    face: int,
+    edge: tuple[int, int],
+    points: Float[np.ndarray, "points 3"],
+    normal: Vec3,
+    owners: Int[np.ndarray, "views height width"],
+    faces_here: Bool[np.ndarray, "faces"],
+    options: EdgeOptions,
+) -> EdgeLine | None:
+    a, b = points[edge[0]], points[edge[1]]
+    along = b - a
+    length = float(np.linalg.norm(along))
+    if length < 1e-12:
+        return None
+    across = np.cross(normal, along / length)
+    across /= np.linalg.norm(across)
+    per_unit, pixels_long = _pixels_across(views, a, b, across)
+    facing = (views.centers - a) @ normal > 0
+    usable = facing & (per_unit > 0)
+    if usable.sum() < 2:
+        return None
+    best = float(np.percentile(per_unit[usable], 80))
+    chosen = np.nonzero(usable & (per_unit > 0.35 * best) & (per_unit < 3 * best))[0]
+    if len(chosen) < 2:
+        return None
+    pixel = 1.0 / best
+    samples = int(np.clip(np.median(pixels_long[chosen]) / options.sample_spacing, 4, options.max_samples))
+    if np.median(pixels_long[chosen]) < 8.0:
+        return None
+    reach = round(options.search / options.step)
+    half = 2 * reach
+    inside_sign = 1.0
+    allowed = faces_here
+    best_strip: tuple[float, Float[np.ndarray, "s w"], Float[np.ndarray, "s"]] | None = None
+    for sign in (1.0, -1.0):
+        # which side of the edge the face is on is found by looking: `owners` knows its polygon
+        strip, count = np.zeros((samples, 2 * half + 1)), np.zeros(samples)
+        only = np.zeros_like(allowed)
+        only[face] = True
+        scale = owners.shape[1] / views.images.shape[1]
+        edge_strip(
+            views.images, chosen, projections, a, along, across, half, options.step * pixel, sign * 3.0 * pixel, owners, scale, only, options.limit, strip, count
+        )
+        if best_strip is None or count.sum() > best_strip[0]:
+            best_strip, inside_sign = (float(count.sum()), strip, count), sign
+    assert best_strip is not None
+    _, strip, count = best_strip
+    enough = count >= max(2.0, 0.1 * count.max())
+    if enough.sum() < 3:
+        return None
+    mean = np.where(enough[:, None], strip / np.maximum(count, 1.0)[:, None], 0.0)
+    return _best_line(mean, enough, edge, face, across, pixel, reach, half, options)
+
+
+def _pixels_across(
+    views: Views, a: Vec3, b: Vec3, across: Vec3
+) -> tuple[Float[np.ndarray, "views"], Float[np.ndarray, "views"]]:
+    """Working pixels, at right angles to the projected edge, per world unit along `across`, and the edge's length; 0 where it is out of the image."""
+    p = views.projections
+    ends = np.stack([a, b, 0.5 * (a + b)])
+    q = np.einsum("vij,nj->vni", p[:, :, :3], ends) + p[:, None, :, 3]
+    z = q[:, :, 2]
+    ok = (z > 1e-9).all(axis=1)
+    xy = q[:, :, :2] / np.where(np.abs(z) < 1e-9, 1e-9, z)[:, :, None]
+    direction = xy[:, 1] - xy[:, 0]
+    size = np.linalg.norm(direction, axis=1)
+    normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1) / np.maximum(size, 1e-9)[:, None]
+    move = p[:, :, :3] @ across
+    jac = (move[:, :2] - xy[:, 2] * move[:, 2:]) / np.where(np.abs(z[:, 2:]) < 1e-9, 1e-9, z[:, 2:])
+    height, width = views.images.shape[1:]
+    lo, hi = xy[:, :2].min(axis=1), xy[:, :2].max(axis=1)
+    ok &= (hi[:, 0] > 0) & (hi[:, 1] > 0) & (lo[:, 0] < width) & (lo[:, 1] < height)
+    return np.where(ok, np.abs((jac * normal).sum(axis=1)), 0.0), np.where(ok, size, 0.0)
+
+
+def _best_line(
+    mean: Float[np.ndarray, "samples width"],
+    enough: Bool[np.ndarray, "samples"],
+    edge: tuple[int, int],
+    face: int,
+    across: Vec3,
+    pixel: float,
+    reach: int,
+    half: int,
+    options: EdgeOptions,
+) -> EdgeLine | None:
+    samples = len(enough)
+    scores = np.empty((2 * reach + 1, 2 * reach + 1))
+    line_scores(mean, enough, half, scores)
+    floor = float(np.median(mean[enough]))
+    ends = np.arange(-reach, reach + 1) * options.step
+    away = (ends[:, None] ** 2 + ends[None] ** 2) / (2 * options.prior**2)
+    # evidence of a line: how far it stands out of the strip, in units of what a clear edge shows; the prior breaks ties
+    height = (scores - floor) / max(float(scores.max()) - floor, 1e-9)
+    posterior = height - 0.25 * away
+    i, j = np.unravel_index(int(np.argmax(posterior)), posterior.shape)
+    i, j = int(i), int(j)
+    contrast = float(scores[i, j]) / max(floor, 0.35)
+    if contrast < options.min_contrast or height[i, j] < 0.5:
+        return None
+    if i in (0, 2 * reach) or j in (0, 2 * reach):
+        return None
+    offset = (float(ends[i]) + options.step * _peak(scores[i - 1 : i + 2, j]), float(ends[j]) + options.step * _peak(scores[i, j - 1 : j + 2]))
+    far = np.abs(ends[:, None] - ends[i]) + np.abs(ends[None] - ends[j]) > 4.0
+    peaks = np.zeros_like(scores, bool)
+    inner = scores[1:-1, 1:-1]
+    peaks[1:-1, 1:-1] = (inner >= scores[:-2, 1:-1]) & (inner >= scores[2:, 1:-1]) & (inner >= scores[1:-1, :-2]) & (inner >= scores[1:-1, 2:])
+    rival = np.where(far & peaks, posterior, -np.inf)
+    k, m = (int(v) for v in np.unravel_index(int(np.argmax(rival)), rival.shape))
+    ambiguous = bool(np.isfinite(rival[k, m]) and rival[k, m] > options.ambiguous * posterior[i, j])
+    t = (np.nonzero(enough)[0] + 0.5) / samples
+    middle, spread = float(t.mean()), max(float(t.var()), 1e-4)
+    # standard deviation of a fitted line at its ends, relative to one seen over its whole length
+    ends_sigma = [options.sigma * np.sqrt((1.0 + (end - middle) ** 2 / spread) / 4.0) * pixel for end in (0.0, 1.0)]
+    if ambiguous:
+        ends_sigma = [s + 0.5 * pixel * abs(float(ends[n] - ends[o])) for s, n, o in zip(ends_sigma, (k, m), (i, j), strict=True)]
+    return EdgeLine(
+        edge, face, across, (offset[0] * pixel, offset[1] * pixel), (float(ends_sigma[0]), float(ends_sigma[1])), pixel, contrast, ambiguous,
+        (float(ends[k]) * pixel, float(ends[m]) * pixel) if ambiguous else None,
+    )  # fmt: skip
+
+
+def _peak(values: Float[np.ndarray, "3"]) -> float:
+    """Where the parabola through three equally spaced values has its top, in steps from the middle one."""
+    curvature = values[0] - 2 * values[1] + values[2]
+    return float(np.clip(0.5 * (values[0] - values[2]) / curvature, -0.5, 0.5)) if curvature < 0 else 0.0
+
+
+def corner_lines(lines: Sequence[EdgeLine], points: Float[np.ndarray, "points 3"]) -> CornerLines:
+    """The lines as evidence about corners. An edge found in two faces counts once in all: its sigma grows by the square root of two."""
+    times: dict[tuple[int, int], int] = {}
+    for line in lines:
+        times[line.edge] = times.get(line.edge, 0) + 1
+    corner, direction, offset, sigma = [], [], [], []
+    for line in lines:
+        for end in (0, 1):
+            corner.append(line.edge[end])
+            direction.append(line.across)
+            offset.append(float(line.across @ points[line.edge[end]]) + line.offset[end])
+            sigma.append(line.sigma[end] * np.sqrt(times[line.edge]))
+    return CornerLines(np.array(corner, int), np.array(direction, float).reshape(-1, 3), np.array(offset, float), np.array(sigma, float))
