@@ -35,7 +35,9 @@ class DetectOptions:
     prior_angle_deg: float = 10.0
     """Standard deviation of the angle between planes that are in no relation but look like it, degrees."""
     prior_offset: float = 0.05
-    """The same for the distance of parallel planes, as a share of the scene's diagonal; farther apart than twice this is no candidate."""
+    """The same for the distance of parallel planes, as a share of the scene's diagonal."""
+    max_offset: float = 0.02
+    """Parallel planes farther apart than this are no candidates for one plane, as a share of the scene's diagonal."""
     as_built_angle_deg: float = 0.1
     """How far off a true relation may be built, standard deviation in degrees."""
     as_built_offset: float = 0.0005
@@ -257,7 +259,7 @@ def _weigh(kind: PairKind, pairs: Int[np.ndarray, "pairs 2"], belief: _Belief, o
     factor = np.linalg.slogdet(outer)[1] - np.linalg.slogdet(inner)[1] - wald + _squared(value, outer)
     deviation = np.linalg.norm(value, axis=1)
     tests = PairTests(factor, wald, _squared(value, spread + floor * eye), deviation, np.sqrt(variance), variance < 100.0 * floor)
-    near = deviation < (2.0 * options.prior_offset * unit if kind == "coplanar" else options.max_angle_deg * unit)
+    near = deviation < (options.max_offset if kind == "coplanar" else options.max_angle_deg) * unit
     return tests, near
 
 

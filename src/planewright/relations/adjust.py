@@ -1,0 +1,260 @@
+"""The walk of the structure: solve freely, find relations, enforce them, solve again, give up what costs too much."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import chi2
+from threadpoolctl import threadpool_limits
+
+from planewright.arrays import Bool, Float, Int
+from planewright.geometry.plane import tangent_basis
+from planewright.planes.evidence import Evidence
+from planewright.planes.planar_scene import PlanarScene
+from planewright.planes.planar_start import PlanarStart
+from planewright.planes.structure_constraints import StructureConstraints
+from planewright.planes.structure_problem import EvidenceScale
+from planewright.planes.structured_bundle import StructureOptions, StructureSolution, solve_structure
+from planewright.progress import Progress, silent
+from planewright.relations.adjacency import Adjacency, adjacent_faces
+from planewright.relations.detect import Detection, DetectOptions, Pair, PairTest, detect_relations
+from planewright.relations.enforce import join_constraints, pair_constraints
+from planewright.relations.explain import list_relations
+from planewright.relations.relation import Relation
+from planewright.relations.require import Requirements, obey_requirements
+from planewright.sketch.graph import Sketch
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustOptions:
+    """The structured adjustment and its relations."""
+
+    structure: StructureOptions = field(default_factory=StructureOptions)
+    """The adjustment itself."""
+    detect: DetectOptions = field(default_factory=DetectOptions)
+    """What counts as a relation."""
+    find_relations: bool = True
+    """False enforces only what the person requires and what the drawing forces."""
+    rescale_above: float = 1.25
+    """Sigmas of a kind of evidence are enlarged where its residuals are this many times larger than claimed. The estimate scatters by a tenth."""
+    largest_rescale: float = 4.0
+    """Never enlarged by more than this."""
+    max_releases: int = 4
+    """Most relations given up after the fact, each followed by a new search without it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Structured:
+    """What the structured adjustment found."""
+
+    scene: PlanarScene
+    relations: tuple[Relation, ...]
+    adjacency: tuple[Adjacency, ...]
+    incidences: Int[np.ndarray, "incidences 2"]
+    """Face row and corner row of all incidences that hold exactly: the drawn ones, then those proposed ones that agree with the views."""
+    refused_incidences: Int[np.ndarray, "refused 2"]
+    """Proposed ones that do not."""
+    solution: StructureSolution
+    """The final solution, with residuals and the joint covariance."""
+    free: StructureSolution
+    """The solution before any relation."""
+    cost_of_relations: float
+    """What all relations together add to twice the cost; about the number of things they fix where they are true."""
+    warnings: tuple[str, ...]
+
+
+def adjust_structure(
+    sketch: Sketch,
+    start: PlanarStart,
+    evidence: Evidence,
+    incidences: Int[np.ndarray, "incidences 2"],
+    options: AdjustOptions = AdjustOptions(),
+    *,
+    progress: Progress = silent,
+) -> Structured:
+    """Corners, planes and relations of a sketch.
+
+    Args:
+        sketch: with all its faces; rows of everything else are its rows.
+        start: first values of corners and planes, with flags for what is known.
+        evidence: what the images say.
+        incidences: face row and corner row of corners that lie on planes. Corners of a face's own loop and holes always do; further pairs are proposals, kept
+            where they agree with the views.
+    """
+    title = "Adjusting corners and planes"
+    # Small dense matrices: more threads only wait for each other (7.8 s against .33 s on busy cores), and their number would show in the last bits.
+    with threadpool_limits(limits=1, user_api="blas"):
+        progress(title, 0, 4)
+        walk = _Walk(start, evidence, options.structure)
+        drawn = _drawn_incidences(sketch)
+        walk.incidences = drawn
+        free = walk.solve(StructureConstraints())
+        refused = np.zeros((0, 2), dtype=np.int64)
+        proposed = np.array(sorted(set(map(tuple, incidences.tolist())) - set(map(tuple, drawn.tolist()))), dtype=np.int64).reshape(-1, 2)
+        if len(proposed):
+            agree = _agree(proposed, free, options.detect)
+            refused = proposed[~agree]
+            walk.incidences = np.concatenate([drawn, proposed[agree]])
+            free = walk.solve(StructureConstraints())
+        scale = _enlarged(free.estimated_scale, options)
+        if scale != free.scale:
+            walk.scale = scale
+            free = walk.solve(StructureConstraints())
+        progress(title, 1, 4)
+        required, base = obey_requirements(sketch, free, walk.solve, walk.feasible, options.detect)
+        progress(title, 2, 4)
+        found, final, released = _consolidate(walk, base, required, options)
+        progress(title, 3, 4)
+        relations = list_relations(sketch, free, final, required, found, released, options.detect)
+        scene = _scene(sketch, final)
+        adjacency = adjacent_faces(sketch, final)
+        progress(title, 4, 4)
+    return Structured(
+        scene=scene,
+        relations=relations,
+        adjacency=adjacency,
+        incidences=walk.incidences,
+        refused_incidences=refused,
+        solution=final,
+        free=free,
+        cost_of_relations=2.0 * (final.cost - free.cost),
+        warnings=_warnings(sketch, free, final, required, refused),
+    )
+
+
+class _Walk:
+    """The solver with its evidence; each solution is the next one's start."""
+
+    def __init__(self, start: PlanarStart, evidence: Evidence, options: StructureOptions) -> None:
+        self._evidence, self._options = evidence, options
+        self._start = start
+        self.incidences = np.zeros((0, 2), dtype=np.int64)
+        self.scale = EvidenceScale()
+
+    def solve(self, constraints: StructureConstraints) -> StructureSolution:
+        """The optimum; the start moves there where it is feasible."""
+        solution = solve_structure(self._start, self.incidences, self._evidence, constraints, self._options, scale=self.scale)
+        if solution.feasible:
+            self.start_from(solution, solution.normals, solution.offsets)
+        return solution
+
+    def start_from(self, solution: StructureSolution, normals: Float[np.ndarray, "faces 3"], offsets: Float[np.ndarray, "faces"]) -> None:
+        """Begin the next solution at the corners of this one and at the given planes; what is unknown is completed afresh."""
+        self._start = PlanarStart(solution.points, solution.point_known, normals, offsets, solution.face_known)
+
+    def feasible(self, constraints: StructureConstraints) -> bool:
+        """Whether the constraints can hold together, without looking for the optimum."""
+        options = replace(self._options, max_iterations=0)
+        return solve_structure(self._start, self.incidences, self._evidence, constraints, options, scale=self.scale).feasible
+
+
+def _drawn_incidences(sketch: Sketch) -> Int[np.ndarray, "incidences 2"]:
+    row = {point.id: i for i, point in enumerate(sketch.points)}
+    pairs = {(f, row[corner]) for f, face in enumerate(sketch.faces) for corner in face.corners}
+    return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+
+def _agree(proposed: Int[np.ndarray, "proposed 2"], free: StructureSolution, options: DetectOptions) -> Bool[np.ndarray, "proposed"]:
+    """Whether each corner is on the plane within what the views and the as-built tolerance allow."""
+    bases, num_faces = tangent_basis(free.normals), len(free.normals)
+    agree = np.ones(len(proposed), dtype=bool)
+    for k, (face, corner) in enumerate(proposed.tolist()):
+        reach = free.points[corner] - free.centers[face]
+        gap = float(free.normals[face] @ free.points[corner] - free.offsets[face])
+        slope = np.concatenate([bases[face] @ reach, [-1.0], free.normals[face]])
+        columns = np.concatenate([3 * face + np.arange(3), 3 * (num_faces + corner) + np.arange(3)])
+        variance = float(slope @ free.covariance[np.ix_(columns, columns)] @ slope) + (options.as_built_offset * free.diagonal) ** 2
+        agree[k] = gap * gap < chi2.ppf(options.significance, 1) * variance
+    return agree
+
+
+def _enlarged(estimated: EvidenceScale, options: AdjustOptions) -> EvidenceScale:
+    return EvidenceScale(*(min(value, options.largest_rescale) if value > options.rescale_above else 1.0 for value in estimated))
+
+
+def _consolidate(
+    walk: _Walk, base: StructureSolution, required: Requirements, options: AdjustOptions
+) -> tuple[Detection | None, StructureSolution, tuple[PairTest, ...]]:
+    """Find and enforce relations; a relation that costs far more than its test promised is given up, and the search begins again without it."""
+    if not options.find_relations:
+        return None, base, ()
+    released: list[PairTest] = []
+    while True:
+        forbidden: list[Pair] = [*required.forbidden, *((test.kind, test.a, test.b) for test in released)]
+        found = detect_relations(base, options.detect, orthogonal=required.orthogonal, forbidden=forbidden)
+        final = _enforced(walk, base, required, found, found.accepted)
+        if len(released) >= options.max_releases:
+            return (found, final, tuple(released)) if final.feasible else (replace(found, accepted=()), base, tuple(released))
+        culprit = _culprit(walk, base, final, required, found)
+        if culprit is None:
+            return found, final, tuple(released)
+        released.append(culprit)
+
+
+def _enforced(walk: _Walk, base: StructureSolution, required: Requirements, found: Detection, accepted: Sequence[PairTest]) -> StructureSolution:
+    if not accepted:
+        return base
+    walk.start_from(base, found.normals, found.offsets)
+    return walk.solve(join_constraints([required.constraints, pair_constraints((test.kind, test.a, test.b) for test in accepted)]))
+
+
+def _culprit(walk: _Walk, base: StructureSolution, final: StructureSolution, required: Requirements, found: Detection) -> PairTest | None:
+    """The accepted relation that costs too much, if any.
+
+    True relations add about one to twice the cost for each thing they fix, plus what their as-built deviation is worth; each test has promised how much. In
+    simulation a wrong one 6 degrees off adds 800 or more. Only where the sum is broken are relations left out one by one, the dearest first.
+    """
+    tests = [test for test in found.accepted if not test.implied]
+    if not tests:
+        return None
+    rank = sum(2 if test.kind == "parallel" else 1 for test in tests)
+    promised = sum(test.plain_wald for test in tests)
+    spent = 2.0 * (final.cost - base.cost)
+    if final.feasible and spent <= max(2.0 * promised, promised + float(chi2.ppf(0.999, rank))):
+        return None
+    worst: PairTest | None = None
+    most = 0.0
+    for test in sorted(tests, key=lambda test: -test.plain_wald)[:6]:
+        at = found.accepted.index(test)
+        kept = [other for k, other in enumerate(found.accepted) if k < at or (k > at and not other.implied)]
+        without = _enforced(walk, base, required, found, kept)
+        if not without.feasible:
+            continue
+        saved = 2.0 * (final.cost - without.cost) if final.feasible else np.inf
+        excess = saved - 3.0 * test.plain_wald - float(chi2.ppf(0.999, 2))
+        if excess > most:
+            worst, most = test, excess
+    if worst is None and not final.feasible:
+        worst = tests[-1]
+    return worst
+
+
+def _scene(sketch: Sketch, final: StructureSolution) -> PlanarScene:
+    known = final.point_known
+    return PlanarScene(
+        sketch=sketch,
+        points=np.where(known[:, None], final.points, np.nan),
+        point_known=known,
+        point_covariance=final.point_covariance,
+        normals=np.where(final.face_known[:, None], final.normals, np.nan),
+        offsets=np.where(final.face_known, final.offsets, np.nan),
+        face_known=final.face_known,
+        plane_covariance=final.plane_covariance,
+    )
+
+
+def _warnings(
+    sketch: Sketch, free: StructureSolution, final: StructureSolution, required: Requirements, refused: Int[np.ndarray, "refused 2"]
+) -> tuple[str, ...]:
+    out = list(required.warnings)
+    for i in np.flatnonzero(~final.point_known).tolist():
+        out.append(f"Point {sketch.points[i].id} is not determined by the views. Mark it in another frame, or draw it into a face.")
+    for f in np.flatnonzero(~final.face_known).tolist():
+        out.append(f"The plane of face {sketch.faces[f].id} is not determined by the views. Mark its corners in frames that see it better.")
+    for i in np.flatnonzero(free.point_known & (free.point_residual > 4.0)).tolist():
+        out.append(f"Point {sketch.points[i].id} does not fit: its clicks and edges are {free.point_residual[i]:.1f} sigma off. Check where it is marked.")
+    for f, i in refused.tolist():
+        out.append(f"Point {sketch.points[i].id} seems to lie on face {sketch.faces[f].id} in the image, but not in space.")
+    if not final.converged:
+        out.append("The structured adjustment stopped before it had converged.")
+    return tuple(out)
