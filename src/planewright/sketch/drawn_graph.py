@@ -100,7 +100,7 @@ def traversed_cycles(block: Block, xy: Mapping[int, tuple[float, float]]) -> set
     for point, around in placed.items():
         here = np.array(xy[point])
         angles = {other: float(np.arctan2(*(np.array(xy[other]) - here)[::-1])) for other in around}
-        ordered = sorted(around, key=lambda other: (angles[other], other))  # noqa: B023 (used at once)
+        ordered = sorted(around, key=lambda other: (angles[other], other))
         for index, other in enumerate(ordered):
             following[(other, point)] = ordered[index - 1]
     found: set[Cycle] = set()

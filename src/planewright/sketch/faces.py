@@ -31,7 +31,7 @@ class FindFacesOptions:
     """Longest loop that is looked for."""
     max_links: int = 600
     """A connected part with more edges than this is taken as drawn (half-edge traversal only): searching all short cycles takes edges squared."""
-    corner_cost: float = 0.4
+    corner_cost: float = 0.6
     """Marks off for each corner beyond three; a face starts with 10."""
     reflex_cost: float = 0.3
     """For each corner that points inwards."""
@@ -39,6 +39,8 @@ class FindFacesOptions:
     """For each point of the same part that lies inside, up to four: a face has no corners of its neighbours in it."""
     chord_cost: float = 5.0
     """For each drawn edge that crosses the inside from corner to corner."""
+    crossed_cost: float = 5.0
+    """For a loop that crosses itself where it is marked; not the end of it, for clicks can fold a face that is seen edge on."""
     area_cost: float = 0.5
     """For a face as large as its whole part: of equal cycles the largest is the outline, which is dropped."""
 
@@ -110,12 +112,14 @@ class _Drawing:
         """No edge joins the block to anything else."""
         return all(self.degree[point] == len(around) for point, around in block.neighbours.items())
 
-    def polygon(self, cycle: Cycle) -> tuple[int, Float[np.ndarray, "corners 2"]] | None:
-        """The frame, and the marks of the corners in it; None where no frame has them all."""
+    def polygon(self, cycle: Cycle) -> tuple[int, Cycle]:
+        """The frame that has most of the corners marked, and those corners."""
+        best: tuple[int, Cycle] = (-1, ())
         for frame, marks in self.places.items():
-            if all(row in marks for row in cycle):
-                return frame, np.array([marks[row] for row in cycle])
-        return None
+            marked = tuple(row for row in cycle if row in marks)
+            if len(marked) > len(best[1]):
+                best = (frame, marked)
+        return best
 
 
 def _faces_of(block: Block, drawing: _Drawing, forbidden: set[frozenset[int]], fixed: set[Cycle], options: FindFacesOptions) -> list[Cycle]:
@@ -129,7 +133,7 @@ def _faces_of(block: Block, drawing: _Drawing, forbidden: set[frozenset[int]], f
         for marks in drawing.places.values():
             candidates |= traversed_cycles(block, marks)
     plausible = sorted(cycle for cycle in candidates if frozenset(cycle) not in forbidden and cycle not in fixed)
-    scored = [(cycle, score) for cycle in plausible if (score := _score(cycle, block, drawing, options)) > 0]
+    scored = [(cycle, _score(cycle, block, drawing, options)) for cycle in plausible]
     cycles = [*kept, *(cycle for cycle, _ in scored)]
     if not cycles:
         return []
@@ -140,27 +144,48 @@ def _faces_of(block: Block, drawing: _Drawing, forbidden: set[frozenset[int]], f
 
 
 def _score(cycle: Cycle, block: Block, drawing: _Drawing, options: FindFacesOptions) -> float:
-    """How much a cycle looks like a face, up to 10; 0 where it cannot be one."""
+    """How much a cycle looks like a face, up to 10 and above 0."""
     corners = set(cycle)
     sides = set(cycle_links(cycle))
     chords = [link for link in block.links if link[0] in corners and link[1] in corners and link not in sides]
     score = 10.0 - options.corner_cost * (len(cycle) - 3)
-    placed = drawing.polygon(cycle)
-    if placed is None:
-        # Which side of the loop a chord lies on is not known; the area counts as middling.
+    frame, marked = drawing.polygon(cycle)
+    whole_loop = len(marked) == len(cycle)
+    if len(marked) < max(3, 0.6 * len(cycle)):
+        # Too little of it is marked in one frame; which side a chord lies on is not known, and the area counts as middling.
         return max(0.05, score - options.chord_cost * len(chords) - 0.5 * options.area_cost)
-    frame, xy = placed
+    xy = np.array([drawing.places[frame][row] for row in marked])
     polygon = shapely.Polygon(xy)
     if not polygon.is_valid or polygon.area < 1e-9:
-        return 0.0
+        return max(0.05, score - (options.crossed_cost if whole_loop else 0.5 * options.area_cost))
     marks = drawing.places[frame]
-    others = np.array([marks[row] for row in block.neighbours if row in marks and row not in corners]).reshape(-1, 2)
-    inside = int(np.count_nonzero(shapely.contains_xy(polygon, others[:, 0], others[:, 1])))
-    middles = np.array([[(marks[a][0] + marks[b][0]) / 2, (marks[a][1] + marks[b][1]) / 2] for a, b in chords]).reshape(-1, 2)
+    inside = _inside(polygon, block, marks, corners)
+    middles = np.array([[(marks[a][0] + marks[b][0]) / 2, (marks[a][1] + marks[b][1]) / 2] for a, b in chords if a in marks and b in marks]).reshape(-1, 2)
     across = int(np.count_nonzero(shapely.contains_xy(polygon, middles[:, 0], middles[:, 1])))
     whole = shapely.MultiPoint([marks[row] for row in block.neighbours if row in marks]).convex_hull.area
-    score -= options.inside_cost * min(inside, 4) + options.chord_cost * across + options.reflex_cost * _reflex(xy)
-    return max(0.05, score - options.area_cost * polygon.area / whole)
+    score -= options.inside_cost * min(inside, 4.0) + options.chord_cost * across + options.reflex_cost * _reflex(xy)
+    return max(0.05, score - options.area_cost * (polygon.area / whole if whole_loop else 0.5))
+
+
+def _inside(polygon: shapely.Polygon, block: Block, marks: Mapping[int, tuple[float, float]], corners: set[int]) -> float:
+    """How many points of the block lie inside. Points whose edges leave across the border count a quarter: they are behind the face or before it."""
+    others = [row for row in block.neighbours if row in marks and row not in corners]
+    xy = np.array([marks[row] for row in others]).reshape(-1, 2)
+    rest = {row for row, is_in in zip(others, shapely.contains_xy(polygon, xy[:, 0], xy[:, 1]), strict=True) if is_in}
+    enclosed = set(rest)
+    total = 0.0
+    while rest:
+        group = [min(rest)]
+        rest.remove(group[0])
+        leaves = False
+        for row in group:
+            for other in block.neighbours[row]:
+                if other in rest:
+                    rest.remove(other)
+                    group.append(other)
+                leaves |= other in marks and other not in enclosed and other not in corners
+        total += len(group) * (0.25 if leaves else 1.0)
+    return total
 
 
 def _reflex(xy: Float[np.ndarray, "corners 2"]) -> int:
@@ -186,12 +211,12 @@ def _best_independent(cycles: Sequence[Cycle], scores: Float[np.ndarray, "cycles
         solved = milp(-scores, integrality=np.ones(len(cycles)), bounds=Bounds(0, 1), constraints=constraints, options={"mip_rel_gap": 0.0})
         if solved.x is None:
             return []
-        chosen = np.flatnonzero(np.asarray(solved.x) > 0.5)
+        chosen = [index for index, value in enumerate(solved.x) if value > 0.5]
         dependent = _dependent([cycles[index] for index in chosen])
         if not dependent:
             return [cycles[index] for index in chosen]
         cut = np.zeros((1, len(cycles)))
-        cut[0, chosen[dependent]] = 1.0
+        cut[0, [chosen[index] for index in dependent]] = 1.0
         constraints.append(LinearConstraint(cut, ub=len(dependent) - 1.0))
 
 
@@ -211,7 +236,7 @@ def _dependent(cycles: Sequence[Cycle]) -> list[int]:
 
 
 def _closed(chosen: list[Cycle], scores: Mapping[Cycle, float], forbidden: set[frozenset[int]]) -> list[Cycle]:
-    """With the outline too, where it looks no worse than the faces and has four corners at least: the drawn solid is closed.
+    """With the outline too, where it looks no worse than the faces, has no more corners than they and four at least: the drawn solid is closed.
 
     A triangle says nothing: any three points lie in a plane, and a roof over a triangle is drawn with the same edges as a tetrahedron.
     """
@@ -219,7 +244,7 @@ def _closed(chosen: list[Cycle], scores: Mapping[Cycle, float], forbidden: set[f
     for cycle in chosen:
         border ^= frozenset(cycle_links(cycle))
     outline = next((cycle for cycle in sorted(scores) if frozenset(cycle_links(cycle)) == border and cycle not in chosen), None)
-    if outline is None or len(chosen) < 3 or len(outline) < 4 or frozenset(outline) in forbidden:
+    if outline is None or len(chosen) < 3 or not 4 <= len(outline) <= max(map(len, chosen)) or frozenset(outline) in forbidden:
         return chosen
     worst = min(scores.get(cycle, 10.0) for cycle in chosen)
     return [*chosen, outline] if scores[outline] >= worst - 0.5 else chosen
