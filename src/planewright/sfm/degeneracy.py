@@ -75,8 +75,8 @@ def measure_parallax(table: FrameTable, keyframes: Int[np.ndarray, "keyframes"],
 
 def homography_residual(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> tuple[Mat3, float]:
     """The homography that most of a -> b agrees with (RANSAC, 3 px), and the 70th percentile of the distances from it, in pixels."""
-    found: object = cv2.findHomography(a.reshape(-1, 1, 2), b.reshape(-1, 1, 2), cv2.RANSAC, 3.0, maxIters=500)[0]
-    if found is None:
+    found = np.asarray(cv2.findHomography(a.reshape(-1, 1, 2), b.reshape(-1, 1, 2), cv2.RANSAC, 3.0, maxIters=500)[0])
+    if found.shape != (3, 3):  # None where no four points are in general position
         return np.eye(3), 0.0
     h = np.asarray(found, float)
     moved = np.c_[a, np.ones(len(a))] @ h.T

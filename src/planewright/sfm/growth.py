@@ -93,7 +93,9 @@ def start_pair(table: KeyframeTable, a: int, b: int, values: Float[np.ndarray, "
 def add_points(growth: Growth, table: KeyframeTable, options: GrowthOptions) -> Growth:
     """Every track triangulated afresh from the posed keyframes; kept where rays open far enough and it reprojects."""
     seen, kept = restrict(table.seen, np.ones(len(table.track), bool), growth.posed)
-    found = triangulate(growth.values, growth.rotation[growth.posed], growth.translation[growth.posed], seen, scale=4 * growth.scale, start=growth.xyz)
+    found = triangulate(
+        growth.values, growth.rotation[growth.posed], growth.translation[growth.posed], seen, scale=4 * growth.scale, start=growth.xyz, iterations=6
+    )
     good = found.in_front & (found.rms < 6 * growth.scale) & (found.angle > np.deg2rad(options.min_angle_deg)) & (np.diff(seen.first) >= 2)
     xyz = np.full_like(growth.xyz, np.nan)
     xyz[kept[good]] = found.xyz[good]

@@ -90,14 +90,13 @@ def observation_jacobian(intrinsics, rotation, translation, xyz, jc, jp):
 
 
 @njit(cache=True)
-def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, scale, damping, system, gradient, cross, inverse, point_gradient, scores):
+def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, scale, damping, system, gradient, cross, inverse, point_gradient):
     """Normal equations with the points eliminated (Triggs et al. 2000, section 6): system (n, n) and gradient (n,), n = 3 + 6 cameras.
 
     Args:
-        first: (points + 1,) where each point's observations begin; camera, xy: observations sorted by point.
+        first: (points + 1,) where each point's observations begin; camera, xy: observations sorted by point, then camera.
         damping: Marquardt's factor on the points' diagonals (the caller damps the cameras).
         cross: (obs, 9, 3) and inverse: (points, 3, 3), point_gradient: (points, 3): kept for the back-substitution.
-        scores: (points, n) or (0, n): each point's share of the gradient, for the sandwich covariance.
     """
     n_points = first.shape[0] - 1
     s2 = scale * scale
@@ -106,7 +105,7 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, sc
     for p in range(n_points):
         longest = max(longest, first[p + 1] - first[p])
     reduced = np.empty((longest, 9, 3))
-    v = np.empty((3, 3))
+    v, shared = np.empty((3, 3)), np.empty((3, 3))
     system[:] = 0.0
     gradient[:] = 0.0
     for p in range(n_points):
@@ -130,8 +129,6 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, sc
             for a in range(9):
                 row = a if a < 3 else base + a
                 gradient[row] += w * (jc[0, a] * rx + jc[1, a] * ry)
-                if scores.shape[0] > 0:
-                    scores[p, row] += w * (jc[0, a] * rx + jc[1, a] * ry)
                 for b in range(a, 9):
                     column = b if b < 3 else base + b
                     system[row, column] += w * (jc[0, a] * jc[0, b] + jc[1, a] * jc[1, b])
@@ -160,29 +157,64 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, sc
                     reduced[i, a, b] = (
                         cross[start + i, a, 0] * inverse[p, 0, b] + cross[start + i, a, 1] * inverse[p, 1, b] + cross[start + i, a, 2] * inverse[p, 2, b]
                     )
+        # The intrinsics are seen by every observation: their rows are summed over the point first, which leaves one product an observation.
+        shared[:] = 0.0
         for i in range(count):
             ci = 6 * camera[start + i]
             for a in range(9):
                 row = a if a < 3 else ci + a
-                step = reduced[i, a, 0] * g0 + reduced[i, a, 1] * g1 + reduced[i, a, 2] * g2
-                gradient[row] -= step
-                if scores.shape[0] > 0:
-                    scores[p, row] -= step
-            for j in range(count):
-                cj = 6 * camera[start + j]
-                for a in range(9):
-                    row = a if a < 3 else ci + a
-                    for b in range(9):
-                        column = b if b < 3 else cj + b
-                        if column >= row:
-                            system[row, column] -= (
-                                reduced[i, a, 0] * cross[start + j, b, 0]
-                                + reduced[i, a, 1] * cross[start + j, b, 1]
-                                + reduced[i, a, 2] * cross[start + j, b, 2]
-                            )
+                gradient[row] -= reduced[i, a, 0] * g0 + reduced[i, a, 1] * g1 + reduced[i, a, 2] * g2
+            for a in range(3):
+                for b in range(3):
+                    shared[a, b] += reduced[i, a, b]
+        for j in range(count):
+            cj = 6 * camera[start + j]
+            for a in range(3):
+                for b in range(9):
+                    column = b if b < 3 else cj + b
+                    system[a, column] -= shared[a, 0] * cross[start + j, b, 0] + shared[a, 1] * cross[start + j, b, 1] + shared[a, 2] * cross[start + j, b, 2]
+            for i in range(j + 1):
+                ci = 6 * camera[start + i]
+                for a in range(3, 9):
+                    for b in range(3, 9):
+                        system[ci + a, cj + b] -= (
+                            reduced[i, a, 0] * cross[start + j, b, 0] + reduced[i, a, 1] * cross[start + j, b, 1] + reduced[i, a, 2] * cross[start + j, b, 2]
+                        )
     for a in range(system.shape[0]):
         for b in range(a):
             system[a, b] = system[b, a]
+
+
+@njit(cache=True)
+def observation_pulls(intrinsics, rotation, translation, xyz, first, camera, xy, scale, direction, cross, inverse, pulls):
+    """How much each observation pulls the unknowns along `direction` (n,) at the optimum, its point free to follow: fills `pulls` (obs,).
+
+    `cross` and `inverse` as `reduced_system` leaves them without damping. The pulls sum to `direction . gradient`, which is zero.
+    """
+    jc, jp = np.empty((2, 9)), np.empty((2, 3))
+    moved, q = np.empty(3), np.empty(3)
+    for p in range(first.shape[0] - 1):
+        moved[:] = 0.0
+        for i in range(first[p], first[p + 1]):
+            for a in range(9):
+                d = direction[a] if a < 3 else direction[6 * camera[i] + a]
+                for b in range(3):
+                    moved[b] += cross[i, a, b] * d
+        for a in range(3):
+            q[a] = inverse[p, a, 0] * moved[0] + inverse[p, a, 1] * moved[1] + inverse[p, a, 2] * moved[2]
+        for i in range(first[p], first[p + 1]):
+            c = camera[i]
+            px, py, z = observation_jacobian(intrinsics, rotation[c], translation[c], xyz[p], jc, jp)
+            pulls[i] = 0.0
+            if z <= 1e-9:
+                continue
+            rx, ry = px - xy[i, 0], py - xy[i, 1]
+            w = 1.0 / (1.0 + (rx * rx + ry * ry) / (scale * scale))
+            for a in range(9):
+                d = direction[a] if a < 3 else direction[6 * c + a]
+                pulls[i] += w * d * (jc[0, a] * rx + jc[1, a] * ry)
+            for b in range(3):
+                pulls[i] -= w * q[b] * (jp[0, b] * rx + jp[1, b] * ry)
 
 
 @njit(cache=True)
@@ -241,7 +273,7 @@ def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
                 for m in range(k + 1):
                     h[k, m] += w * (jc[0, 3 + k] * jc[0, 3 + m] + jc[1, 3 + k] * jc[1, 3 + m])
         if cost < 0.0 or fresh < cost:
-            small = cost >= 0.0 and cost - fresh < 1e-9 * cost
+            small = cost >= 0.0 and cost - fresh < 1e-8 * cost
             cost = fresh
             rotation[:] = r
             translation[:] = t
@@ -348,7 +380,7 @@ def triangulate_points(intrinsics, rotation, translation, first, camera, xy, ray
                     for b in range(3):
                         h[a, b] += w * (jp[0, a] * jp[0, b] + jp[1, a] * jp[1, b])
             if cost < 0.0 or fresh < cost:
-                small = cost >= 0.0 and cost - fresh < 1e-9 * cost
+                small = cost >= 0.0 and cost - fresh < 1e-8 * cost
                 cost = fresh
                 xyz[p] = x
                 kept_h[:] = h

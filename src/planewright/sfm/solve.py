@@ -13,7 +13,7 @@ from planewright.progress import Progress, silent, steps
 from planewright.sfm.bundle import Adjusted, Bundle, FocalPrior, Observations, adjust, observations, robust_scale
 from planewright.sfm.cameras import Cameras, ScenePoints
 from planewright.sfm.degeneracy import GateOptions, Refused, check_features, check_parallax, measure_parallax
-from planewright.sfm.focal import FocalOptions, FocalUncertainty, focal_uncertainty
+from planewright.sfm.focal import FocalOptions, FocalUncertainty, focal_uncertainty, settle_focal
 from planewright.sfm.frame_table import FrameTable, frame_table, select_keyframes, static_tracks
 from planewright.sfm.growth import Growth, GrowthOptions, KeyframeTable, grow, keyframe_table, restrict
 from planewright.sfm.initialize import StartOptions, find_start
@@ -130,7 +130,7 @@ def _solve(
         return Refused("no-start", "No pair of frames gives a first pair of cameras. Film a static scene, walking around it slowly.")
     progress("Posing keyframes", 0, None)
     growth = grow(start.growth, keyed, growth_options, free_focal=True, prior=prior, seed=seed)
-    adjusted, seen, kept, radial_terms, scale = _final_adjustment(growth, keyed, options, prior, progress)
+    adjusted, seen, kept, radial_terms, scale = _final_adjustment(growth, keyed, image_size, options, prior, progress)
     growth = _put_back(growth, adjusted, kept)
 
     progress("Weighing the focal length", 0, None)
@@ -149,7 +149,7 @@ def _keyframes(table: FrameTable, unit: float, options: SfmOptions) -> Int[np.nd
 
 
 def _final_adjustment(
-    growth: Growth, keyed: KeyframeTable, options: SfmOptions, prior: FocalPrior | None, progress: Progress
+    growth: Growth, keyed: KeyframeTable, image_size: tuple[int, int], options: SfmOptions, prior: FocalPrior | None, progress: Progress
 ) -> tuple[Adjusted, Observations, Int[np.ndarray, "kept"], int, float]:
     """The longest well-opened tracks over all posed keyframes; radial terms by BIC. Also the rows of the points used, the number of terms, the scale."""
     seen, kept = restrict(keyed.seen, np.isfinite(growth.xyz[:, 0]), growth.posed)
@@ -167,20 +167,25 @@ def _final_adjustment(
     bundle = Bundle(growth.values, growth.rotation[growth.posed], growth.translation[growth.posed], xyz[kept])
     scale = growth.scale
     best = adjust(bundle, seen, scale=scale, prior=prior, max_iterations=10, tolerance=1e-4)
-    terms = 0
     scale = max(options.growth.scale_sigmas * robust_scale(best.residual), 0.02)
-    best = adjust(best.bundle, seen, scale=scale, prior=prior)
+    limit = options.focal.max_ratio * 2 * max(image_size)
+
+    def settle(start: Bundle, terms: int) -> Adjusted:
+        done = adjust(start, seen, scale=scale, radial_terms=terms, prior=prior, max_iterations=25, tolerance=1e-7)
+        return settle_focal(done, seen, scale=scale, radial_terms=terms, prior=prior, limit=limit) if done.iterations == 25 else done
+
+    best, terms = settle(best.bundle, 0), 0
     num = len(seen.camera) / options.independent
     for candidate in (1, 2):
         progress("Weighing lens distortion", candidate, 2)
-        tried = adjust(best.bundle, seen, scale=scale, radial_terms=candidate, prior=prior)
+        tried = settle(best.bundle, candidate)
         variance = robust_scale(tried.residual) ** 2
         # BIC: twice the rise of the log-likelihood must beat log(n) a term, with n the observations that are independent.
         if 2 * (best.cost - tried.cost) / variance / options.independent > (candidate - terms) * np.log(num):
             best, terms = tried, candidate
     if terms:
         scale = max(options.growth.scale_sigmas * robust_scale(best.residual), 0.02)
-        best = adjust(best.bundle, seen, scale=scale, radial_terms=terms, prior=prior)
+        best = settle(best.bundle, terms)
     return best, seen, kept, terms, scale
 
 
