@@ -14,7 +14,7 @@ def limited_threads(threads: int) -> Generator[None]:
     before_cv, before_numba = cv2.getNumThreads(), numba.get_num_threads()
     with threadpool_limits(limits=1):
         cv2.setNumThreads(threads)
-        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # pyright: ignore[reportPrivateImportUsage]
+        numba.set_num_threads(min(threads, before_numba))
         try:
             yield
         finally:

@@ -1,0 +1,102 @@
+"""The walk from a clip and a drawing to a model, one function a stage, in order. Values in, values out; no disk."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from planewright.arrays import Float
+from planewright.errors import GeometryError, SketchError
+from planewright.features.features import Features
+from planewright.features.follow import FollowOptions, follow_features
+from planewright.geometry.camera import Intrinsics
+from planewright.progress import Progress, silent
+from planewright.refine.rounds import RefineOptions
+from planewright.sfm.solve import Refused, SfmOptions, Solved, solve_cameras
+from planewright.sketch.checks import check_sketch
+from planewright.sketch.faces import find_faces
+from planewright.sketch.graph import Sketch, SketchPoint
+from planewright.texture.bake import BakeOptions
+from planewright.tracking.follow import CornerOptions
+from planewright.video.clip import ClipInfo
+from planewright.video.frames import Frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageOptions:
+    """The options of every stage."""
+
+    features: FollowOptions = field(default_factory=FollowOptions)
+    """How scene features are followed."""
+    cameras: SfmOptions = field(default_factory=SfmOptions)
+    """How cameras are solved from them."""
+    structure: RefineOptions = field(default_factory=RefineOptions)
+    """How corners, planes and relations are found."""
+    corners: CornerOptions = field(default_factory=CornerOptions)
+    """How corners are located in every frame."""
+    texture: BakeOptions = field(default_factory=BakeOptions)
+    """How the atlas is filled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Filmed:
+    """Where the camera was, and how that was found."""
+
+    solved: Solved
+    notes: tuple[str, ...]
+
+
+def checked_sketch(sketch: Sketch, clip: ClipInfo) -> tuple[Sketch, tuple[str, ...]]:
+    """The sketch with its faces, and what a person should know about it. Raises SketchError with everything that is wrong."""
+    found = find_faces(sketch)
+    findings = check_sketch(found, image_size=clip.image_size, num_frames=clip.num_frames)
+    errors = [finding.sentence for finding in findings if finding.severity == "error"]
+    if errors:
+        raise SketchError(" ".join(errors[:5]) + (f" There are {len(errors) - 5} more." if len(errors) > 5 else ""))
+    return found, tuple(finding.sentence for finding in findings if finding.severity == "warning")
+
+
+def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: StageOptions, rng: np.random.Generator, *, progress: Progress = silent) -> Filmed:
+    """Cameras from the features of the whole image; where those move against each other, from the features on the drawn faces.
+
+    A turntable, or an object carried before a still background, shows two motions: the larger part of the image may be the part that does not matter.
+
+    Raises:
+        GeometryError: neither tells where the camera was.
+    """
+    first = solve_cameras(features, np.array(frames.numbers), frames.image_size, known=sketch.camera, options=options.cameras, rng=rng, progress=progress)
+    if isinstance(first, Solved):
+        return Filmed(first, ())
+    regions = face_regions(sketch)
+    if not regions:
+        raise GeometryError(first.reason)
+    inside = follow_features(frames, options.features, regions=regions, progress=progress)
+    second = solve_cameras(inside, np.array(frames.numbers), frames.image_size, known=sketch.camera, options=options.cameras, rng=rng, progress=progress)
+    if isinstance(second, Refused):
+        raise GeometryError(f"{first.reason} The drawn faces by themselves do not tell either: {second.reason}")
+    return Filmed(second, (f"The cameras come from features on the drawn faces alone: {first.reason}",))
+
+
+def face_regions(sketch: Sketch) -> Mapping[int, Sequence[Float[np.ndarray, "corners 2"]]]:
+    """Frame -> the polygons of the faces that have at least three corners marked there, in pixels."""
+    marks = {point.id: point.marks for point in sketch.points}
+    regions: dict[int, list[Float[np.ndarray, "corners 2"]]] = {}
+    for face in sketch.faces:
+        for frame in sorted({frame for corner in face.loop for frame in marks[corner]}):
+            polygon = [marks[corner][frame] for corner in face.loop if frame in marks[corner]]
+            if len(polygon) >= 3:
+                regions.setdefault(frame, []).append(np.array(polygon, dtype=np.float64))
+    return regions
+
+
+def without_distortion(sketch: Sketch, lens: Intrinsics) -> Sketch:
+    """The sketch with its marks where the undistorted frames show them."""
+    if not lens.distortion:
+        return sketch
+
+    def moved(point: SketchPoint) -> SketchPoint:
+        seen = np.array(list(point.marks.values()), dtype=np.float64).reshape(-1, 2)
+        straight = lens.pinhole().to_pixels(lens.normalize(seen))
+        return replace(point, marks={frame: (float(x), float(y)) for frame, (x, y) in zip(point.marks, straight, strict=True)})
+
+    return replace(sketch, points=tuple(moved(point) for point in sketch.points))
