@@ -49,7 +49,7 @@ def render_model(
         # Triangles of a face share borders but no inside, so as loops they make up the face.
         [[face.vertices[triangle] for triangle in face.triangles] for face in model.faces],
     )
-    buffer = face_buffer(polygons, intrinsics, cam_from_world, scale=factor)
+    buffer = face_buffer(polygons, intrinsics, cam_from_world, scale=float(factor))
     height, width = buffer.face.shape
     blend = np.linspace(0.0, 1.0, height)[:, None, None]
     image = np.broadcast_to(np.rint((1 - blend) * np.array(options.top) + blend * np.array(options.bottom)), (height, width, 3)).astype(np.uint8)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from planewright.arrays import Bool, ColorImage, Float, Mat3, UInt8
+from planewright.arrays import Bool, ColorImage, Float, Int, Mat3, UInt8
 from planewright.geometry.camera import Intrinsics
 from planewright.geometry.raster import FaceBuffer, face_buffer
 from planewright.geometry.rigid import Rigid
@@ -64,11 +64,11 @@ def bake_texture(frames: Frames, scene: PlanarScene, cameras: Cameras, options: 
     for chart in charts:
         place, inside = _place(chart, options.gutter), np.pad(masks[chart.face], options.gutter)
         if chart.face in looks:
-            color, seen = looks[chart.face].fused(tone, options.agreement)
-            seen = np.pad(seen, options.gutter)
-            image[place] = fill_unseen(np.pad(color, [(options.gutter, options.gutter)] * 2 + [(0, 0)]), seen)
-            inferred[place] = inside & ~_grown(seen, options.erosion)
-            covered[place] = seen.any()
+            color, count = looks[chart.face].fused(tone, options.agreement)
+            color, count = np.pad(color, [(options.gutter, options.gutter)] * 2 + [(0, 0)]), np.pad(count, options.gutter)
+            image[place] = fill_unseen(color, _without_rim(count, options.erosion + 1))
+            inferred[place] = inside & ~_grown(count > 0, options.erosion + 1)
+            covered[place] = bool(count.any())
         else:
             inferred[place] = inside
     # A face of which nothing was seen gets the average colour: it is not known, and should neither stand out nor look as if it were.
@@ -116,14 +116,24 @@ class _Looks:
         self.valid[view] = valid.reshape(-1)
         self.detail[view] = _detail(color, valid)
 
-    def fused(self, tone: Float[np.ndarray, "frames 3 256"], agreement: float) -> tuple[ColorImage, Bool[np.ndarray, "height width"]]:
+    def fused(self, tone: Float[np.ndarray, "frames 3 256"], agreement: float) -> tuple[ColorImage, Int[np.ndarray, "height width"]]:
+        """The colours, and how many views each comes from."""
         # A blurred look loses detail; squared, half the detail counts a quarter. Compared with the upper quartile, since the maximum may be an occluder's.
         reference = float(np.quantile(self.detail, 0.75))
         sharp = np.clip(self.detail / reference, 0.1, 1.0) ** 2 if reference > 0 else np.ones(len(self.detail))
         color = np.zeros((self.valid.shape[1], 3), dtype=np.uint8)
         count = np.zeros(self.valid.shape[1], dtype=np.int64)
         fuse_views(self.color, self.valid, self.weight * sharp, tone[self.frame], agreement, color, count)
-        return color.reshape(*self.shape, 3), (count > 0).reshape(self.shape)
+        return color.reshape(*self.shape, 3), count.reshape(self.shape)
+
+
+def _without_rim(count: Int[np.ndarray, "height width"], radius: int) -> Bool[np.ndarray, "height width"]:
+    """True where enough views agree: a strip that only one or two views saw, next to what more saw, is left to be filled in from there.
+
+    Such strips lie along borders, where most views were cut off by the erosion, and what is left has nobody to outvote it.
+    """
+    well_seen = count >= 3
+    return (count > 0) & (well_seen | ~_grown(well_seen, radius))
 
 
 def _detail(color: ColorImage, valid: Bool[np.ndarray, "height width"]) -> float:
@@ -160,7 +170,7 @@ def _collect(
 
 def _look(
     image: ColorImage, buffer: FaceBuffer, intrinsics: Intrinsics, pose: Rigid, chart: FaceChart, options: BakeOptions
-) -> tuple[ColorImage, Bool[np.ndarray, "height width"]]:
+) -> tuple[UInt8[np.ndarray, "rows columns 3"], Bool[np.ndarray, "rows columns"]]:
     """A face as one frame shows it, on its chart, and where it is seen."""
     pixels_from_texels = intrinsics.matrix @ _cam_from_texels(chart, pose)
     size = (chart.width, chart.height)
@@ -181,7 +191,7 @@ def _cam_from_texels(chart: FaceChart, pose: Rigid) -> Mat3:
     return matrix
 
 
-def _ahead(chart: FaceChart, pose: Rigid) -> Bool[np.ndarray, "height width"]:
+def _ahead(chart: FaceChart, pose: Rigid) -> Bool[np.ndarray, "rows columns"]:
     """True at the texels before the camera: a homography shows those behind it as well."""
     a, b, c = _cam_from_texels(chart, pose)[2]
     return (a * (np.arange(chart.width) + 0.5) + b * (np.arange(chart.height)[:, None] + 0.5) + c) > 1e-6
@@ -191,6 +201,8 @@ def _not_finer_than_texels(image: ColorImage, pixels_from_texels: Mat3, chart: F
     """The image, smoothed where several of its pixels fall on one texel (the atlas had to be made coarser), so that the texture does not alias."""
     centre = np.array([[chart.width / 2, chart.height / 2, 1.0], [chart.width / 2 + 1, chart.height / 2, 1.0], [chart.width / 2, chart.height / 2 + 1, 1.0]])
     xyw = centre @ pixels_from_texels.T
+    if (xyw[:, 2] <= 1e-9).any():
+        return image
     xy = xyw[:, :2] / xyw[:, 2:]
     step = float(min(np.linalg.norm(xy[1] - xy[0]), np.linalg.norm(xy[2] - xy[0])))
     if not 1.5 < step < 1e3:
@@ -228,7 +240,7 @@ def _place(chart: FaceChart, gutter: int) -> tuple[slice, slice]:
     return (slice(chart.row - gutter, chart.row + chart.height + gutter), slice(chart.column - gutter, chart.column + chart.width + gutter))
 
 
-def _grown(seen: Bool[np.ndarray, "height width"], erosion: int) -> Bool[np.ndarray, "height width"]:
-    """Seen, with the rim that the erosion took and a texel of rounding: that rim was seen, if not cleanly."""
-    side = 2 * (erosion + 1) + 1
-    return cv2.dilate(seen.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+def _grown(mask: Bool[np.ndarray, "height width"], radius: int) -> Bool[np.ndarray, "height width"]:
+    """The mask and what is within so many texels of it. Of what was seen: the rim that the erosion took was seen too, if not cleanly."""
+    side = 2 * radius + 1
+    return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
