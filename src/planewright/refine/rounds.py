@@ -15,7 +15,6 @@ from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.planar_start import PlanarStart
 from planewright.progress import Progress, silent
 from planewright.refine.incidences import propose_incidences
-from planewright.refine.sweeps import sweep_corners
 from planewright.relations.adjacency import Adjacency
 from planewright.relations.adjust import AdjustOptions, Structured, adjust_structure
 from planewright.relations.relation import Relation
@@ -24,6 +23,10 @@ from planewright.sketch.graph import Sketch
 from planewright.tracking.edges import EdgeLine, EdgeOptions, corner_lines, edges_of_faces, measure_edges
 from planewright.tracking.visibility import owners_in_views, polygons_of
 from planewright.video.frames import Frames
+
+
+UNSEEN = 60.0
+"""A face that no view shows with more working pixels than this counts as never seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +41,9 @@ class RefineOptions:
     """How faces are measured in many views."""
     edges: EdgeOptions = field(default_factory=EdgeOptions)
     """How edges are found; search and prior are those of the rounds below."""
-    search: tuple[float, ...] = (8.0, 5.0, 3.5)
-    """How far an edge is searched in each round, working pixels."""
-    prior: tuple[float, ...] = (3.0, 1.5, 1.0)
-    """How far off the present edges are thought to be in each round (standard deviation), working pixels."""
+    edge_prior: tuple[float, ...] = (2.0, 1.3, 1.0)
+    """Rounds with edges, after one without: how far off the ends of an edge may be besides what the corners' covariance says
+    (standard deviation, working pixels). Each end is searched three times as far as both together."""
     click_sigma: float = 1.0
     """Standard deviation of a click an axis, pixels."""
     patch_sigma: float = 0.01
@@ -67,6 +69,11 @@ class _State:
     normals: Float[np.ndarray, "faces 3"]
     offsets: Float[np.ndarray, "faces"]
     face_known: Bool[np.ndarray, "faces"]
+    covariance: Float[np.ndarray, "points 3 3"]
+
+
+def _state_of(scene: PlanarScene) -> _State:
+    return _State(scene.points, scene.point_known, scene.normals, scene.offsets, scene.face_known, scene.point_covariance)
 
 
 def refine_structure(
@@ -92,19 +99,15 @@ def refine_structure(
     edges = edges_of_faces(loops, [face.open for face in sketch.faces])
     drawn_set = {(min(row[a], row[b]), max(row[a], row[b])) for a, b in sketch.edges}
     drawn = {(min(a, b), max(a, b)): not drawn_set or (min(a, b), max(a, b)) in drawn_set for _, a, b in edges}
-    state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known)
-    swept = sweep_corners(views, rays, edges, drawn, state.points, state.known, state.normals, state.face_known, options.click_sigma * views.scale)
-    state = replace(state, points=swept)
-    structured: Structured | None = None
-    lines: list[EdgeLine] = []
-    for turn, (search, prior) in enumerate(zip(options.search, options.prior, strict=True)):
-        progress("Refining corners and planes", turn, len(options.search))
-        state = _oriented(views, sketch, state)
-        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, state, search, prior, options)
-        scene_now = structured.scene
-        state = _State(scene_now.points, scene_now.point_known, scene_now.normals, scene_now.offsets, scene_now.face_known)
-    assert structured is not None
-    progress("Refining corners and planes", len(options.search), len(options.search))
+    state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known, np.zeros((len(lifted.points), 3, 3)))
+    rounds = 1 + len(options.edge_prior)
+    progress("Refining corners and planes", 0, rounds)
+    structured, lines = _round(views, sketch, rays, edges, drawn, lifted, _oriented(views, sketch, state), None, options)
+    for turn, prior in enumerate(options.edge_prior):
+        progress("Refining corners and planes", turn + 1, rounds)
+        state = _oriented(views, sketch, _state_of(structured.scene))
+        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, state, prior, options)
+    progress("Refining corners and planes", rounds, rounds)
     notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
     return Structure(structured.scene, structured.relations, structured.adjacency, notes)
 
@@ -117,14 +120,13 @@ def _round(
     drawn: dict[tuple[int, int], bool],
     lifted: Lifted,
     state: _State,
-    search: float,
-    prior: float,
+    prior: float | None,
     options: RefineOptions,
 ) -> tuple[Structured, list[EdgeLine]]:
     owners = owners_in_views(views, polygons_of(sketch, state.points, _or_nan(state.normals, state.face_known), state.offsets))
     estimates = measure_faces(views, state.normals, state.offsets, state.face_known, owners, options.faces, options.lift.photometric)
-    usable = [(f, a, b) for f, a, b in edges if state.face_known[f] and state.known[a] and state.known[b]]
-    lines = measure_edges(views, usable, state.points, state.normals, owners, drawn, replace(options.edges, search=search, prior=prior))
+    usable = [(f, a, b) for f, a, b in edges if prior is not None and state.face_known[f] and state.known[a] and state.known[b] and drawn[min(a, b), max(a, b)]]
+    lines = measure_edges(views, usable, state.points, state.covariance, state.normals, owners, replace(options.edges, prior=prior or 1.0))
     proposed = propose_incidences(sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known)
     evidence = Evidence(
         plane_points=plane_points(views, estimates, options.faces),
@@ -164,12 +166,14 @@ def _patch_priors(views: Views, rays: MarkRays, sketch: Sketch, lifted: Lifted, 
 
 
 def _oriented(views: Views, sketch: Sketch, state: _State) -> _State:
-    """Normals towards the cameras that see the face: the side with more of it seen, all other faces in place."""
+    """Normals towards the cameras that see the face, all other faces in place; a face that is never seen turns away from most cameras."""
     owners = owners_in_views(views, polygons_of(sketch, state.points, _or_nan(state.normals, state.face_known), state.offsets))
     areas = visible_shares(views, owners, len(state.normals))
     side = np.where(state.face_known, views.centers @ np.where(state.face_known[:, None], state.normals, 0.0).T - np.where(state.face_known, state.offsets, 0.0), 0.0)
-    turn = np.where((areas * np.sign(side)).sum(axis=0) < 0, -1.0, 1.0)
-    return _State(state.points, state.known, state.normals * turn[:, None], state.offsets * turn, state.face_known)
+    seen = areas.max(axis=0) > UNSEEN
+    wrong = np.where(seen, (areas * np.sign(side)).sum(axis=0) < 0, np.sign(side).sum(axis=0) > 0)
+    turn = np.where(wrong, -1.0, 1.0)
+    return replace(state, normals=state.normals * turn[:, None], offsets=state.offsets * turn)
 
 
 def _edge_notes(sketch: Sketch, lines: Sequence[EdgeLine]) -> list[str]:

@@ -7,7 +7,7 @@ A strong line parallel to the edge (a mortar joint beside a wall's corner) is a 
 distance from where the corners are thought to be, and the other face of the edge, that decide between them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,12 +22,17 @@ from planewright.tracking.kernels import edge_strip, line_scores
 class EdgeOptions:
     """How edges are searched."""
 
-    search: float = 6.0
-    """Largest offset of an end, working pixels in a view that sees the edge well."""
-    prior: float = 2.5
-    """Standard deviation of the present position of an end, the same pixels."""
+    prior: float = 2.0
+    """Standard deviation of the present position of an end besides what the corners' covariance says, working pixels in a view that
+    sees the edge well."""
+    search: float = 3.0
+    """An end is searched this many standard deviations to both sides."""
+    max_search: float = 30.0
+    """Never further than this, the same pixels."""
     step: float = 0.5
-    """Spacing of the offsets, the same pixels."""
+    """Finest spacing of the offsets, the same pixels; wide searches have at most `max_steps` to a side."""
+    max_steps: int = 24
+    """Steps to a side."""
     sample_spacing: float = 2.5
     """Spacing along the edge, the same pixels."""
     max_samples: int = 64
@@ -80,35 +85,23 @@ def measure_edges(
     views: Views,
     edges: Sequence[tuple[int, int, int]],
     points: Float[np.ndarray, "points 3"],
+    covariance: Float[np.ndarray, "points 3 3"],
     normals: Float[np.ndarray, "faces 3"],
     owners: Int[np.ndarray, "views height width"],
-    drawn: Mapping[tuple[int, int], bool],
     options: EdgeOptions = EdgeOptions(),
 ) -> list[EdgeLine]:
     """Find each edge in the plane of each of its faces; edges whose strip shows no clear line are left out.
 
-    edges: (face, point, point) of faces and points that are known. drawn: False for edges of a loop that the person did not draw
-    (a border across a bare surface, say): they are not looked for.
+    edges: (face, point, point) of faces and points that are known; covariance: of the points, says how far an end is looked for.
     """
     projections = views.projections.copy()
     projections[:, :2] -= 0.5 * projections[:, 2:3]
-    faces_at = _faces_at(edges, len(normals))
     found: list[EdgeLine] = []
     for f, a, b in edges:
-        key = (min(a, b), max(a, b))
-        if not drawn.get(key, True):
-            continue
-        line = _measure(views, projections, f, key, points, normals[f], owners, faces_at[key], options)
+        line = _measure(views, projections, f, (min(a, b), max(a, b)), points, covariance, normals[f], owners, options)
         if line is not None:
             found.append(line)
     return found
-
-
-def _faces_at(edges: Sequence[tuple[int, int, int]], num_faces: int) -> dict[tuple[int, int], Bool[np.ndarray, "faces"]]:
-    out: dict[tuple[int, int], Bool[np.ndarray, "faces"]] = {}
-    for f, a, b in edges:
-        out.setdefault((min(a, b), max(a, b)), np.zeros(num_faces, bool))[f] = True
-    return out
 
 
 def _measure(
@@ -117,9 +110,9 @@ def _measure(
     face: int,
     edge: tuple[int, int],
     points: Float[np.ndarray, "points 3"],
+    covariance: Float[np.ndarray, "points 3 3"],
     normal: Vec3,
     owners: Int[np.ndarray, "views height width"],
-    faces_here: Bool[np.ndarray, "faces"],
     options: EdgeOptions,
 ) -> EdgeLine | None:
     a, b = points[edge[0]], points[edge[1]]
@@ -142,29 +135,28 @@ def _measure(
     samples = int(np.clip(np.median(pixels_long[chosen]) / options.sample_spacing, 4, options.max_samples))
     if np.median(pixels_long[chosen]) < 8.0:
         return None
-    reach = round(options.search / options.step)
+    priors = [float(np.hypot(options.prior, np.sqrt(max(across @ covariance[c] @ across, 0.0)) / pixel)) for c in edge]
+    search = min(options.search * max(priors), options.max_search)
+    reach = int(np.clip(np.ceil(search / options.step), 4, options.max_steps))
+    step = search / reach
     half = 2 * reach
-    inside_sign = 1.0
-    allowed = faces_here
+    only = np.zeros(int(owners.max()) + 2, bool)
+    only[face] = True
     best_strip: tuple[float, Float[np.ndarray, "s w"], Float[np.ndarray, "s"]] | None = None
     for sign in (1.0, -1.0):
         # which side of the edge the face is on is found by looking: `owners` knows its polygon
         strip, count = np.zeros((samples, 2 * half + 1)), np.zeros(samples)
-        only = np.zeros_like(allowed)
-        only[face] = True
         scale = owners.shape[1] / views.images.shape[1]
-        edge_strip(
-            views.images, chosen, projections, a, along, across, half, options.step * pixel, sign * 3.0 * pixel, owners, scale, only, options.limit, strip, count
-        )
+        edge_strip(views.images, chosen, projections, a, along, across, half, step * pixel, sign * 3.0 * pixel, owners, scale, only, options.limit, strip, count)
         if best_strip is None or count.sum() > best_strip[0]:
-            best_strip, inside_sign = (float(count.sum()), strip, count), sign
+            best_strip = (float(count.sum()), strip, count)
     assert best_strip is not None
     _, strip, count = best_strip
     enough = count >= max(2.0, 0.1 * count.max())
     if enough.sum() < 3:
         return None
     mean = np.where(enough[:, None], strip / np.maximum(count, 1.0)[:, None], 0.0)
-    return _best_line(mean, enough, edge, face, across, pixel, reach, half, options)
+    return _best_line(mean, enough, edge, face, across, pixel, reach, step, priors, options)
 
 
 def _pixels_across(
@@ -196,15 +188,16 @@ def _best_line(
     across: Vec3,
     pixel: float,
     reach: int,
-    half: int,
+    step: float,
+    priors: Sequence[float],
     options: EdgeOptions,
 ) -> EdgeLine | None:
     samples = len(enough)
     scores = np.empty((2 * reach + 1, 2 * reach + 1))
-    line_scores(mean, enough, half, scores)
+    line_scores(mean, enough, 2 * reach, scores)
     floor = float(np.median(mean[enough]))
-    ends = np.arange(-reach, reach + 1) * options.step
-    away = (ends[:, None] ** 2 + ends[None] ** 2) / (2 * options.prior**2)
+    ends = np.arange(-reach, reach + 1) * step
+    away = 0.5 * ((ends[:, None] / priors[0]) ** 2 + (ends[None] / priors[1]) ** 2)
     # evidence of a line: how far it stands out of the strip, in units of what a clear edge shows; the prior breaks ties
     height = (scores - floor) / max(float(scores.max()) - floor, 1e-9)
     posterior = height - 0.25 * away
@@ -215,7 +208,7 @@ def _best_line(
         return None
     if i in (0, 2 * reach) or j in (0, 2 * reach):
         return None
-    offset = (float(ends[i]) + options.step * _peak(scores[i - 1 : i + 2, j]), float(ends[j]) + options.step * _peak(scores[i, j - 1 : j + 2]))
+    offset = (float(ends[i]) + step * _peak(scores[i - 1 : i + 2, j]), float(ends[j]) + step * _peak(scores[i, j - 1 : j + 2]))
     far = np.abs(ends[:, None] - ends[i]) + np.abs(ends[None] - ends[j]) > 4.0
     peaks = np.zeros_like(scores, bool)
     inner = scores[1:-1, 1:-1]

@@ -94,35 +94,3 @@ def line_scores(strip, valid, half, out):
                 total += strip[s, j] * (1.0 - f) + strip[s, j + 1] * f
                 n += 1
             out[ia, ib] = total / n if n else 0.0
-
-
-@njit(cache=True)
-def segment_steepness(images, chosen, projections, start, ends, samples, limit, out):
-    """Mean steepness across the segments start -> ends[i] over the chosen views: out (E,); 0 where a segment is never inside an image."""
-    for e in range(ends.shape[0]):
-        total = 0.0
-        n = 0
-        for c in range(chosen.shape[0]):
-            v = chosen[c]
-            image, p = images[v], projections[v]
-            wa = p[2, 0] * start[0] + p[2, 1] * start[1] + p[2, 2] * start[2] + p[2, 3]
-            wb = p[2, 0] * ends[e, 0] + p[2, 1] * ends[e, 1] + p[2, 2] * ends[e, 2] + p[2, 3]
-            if wa <= 1e-9 or wb <= 1e-9:
-                continue
-            ax = (p[0, 0] * start[0] + p[0, 1] * start[1] + p[0, 2] * start[2] + p[0, 3]) / wa
-            ay = (p[1, 0] * start[0] + p[1, 1] * start[1] + p[1, 2] * start[2] + p[1, 3]) / wa
-            bx = (p[0, 0] * ends[e, 0] + p[0, 1] * ends[e, 1] + p[0, 2] * ends[e, 2] + p[0, 3]) / wb
-            by = (p[1, 0] * ends[e, 0] + p[1, 1] * ends[e, 1] + p[1, 2] * ends[e, 2] + p[1, 3]) / wb
-            length = np.hypot(bx - ax, by - ay)
-            if length < 6.0:
-                continue
-            nx, ny = -(by - ay) / length, (bx - ax) / length
-            for s in range(samples):
-                t = (s + 0.5) / samples
-                x, y = ax + t * (bx - ax), ay + t * (by - ay)
-                left = _sample(image, x + nx, y + ny)
-                right = _sample(image, x - nx, y - ny)
-                if left >= 0.0 and right >= 0.0:
-                    total += min(abs(left - right), limit)
-                    n += 1
-        out[e] = total / n if n else 0.0
