@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 
 from planewright.arrays import UInt8
 from planewright.errors import VideoError
@@ -18,7 +18,18 @@ from planewright.video.container import check_picture_size
 from planewright.video.limits import VideoLimits
 
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".bmp": "BMP", ".tif": "TIFF", ".tiff": "TIFF", ".webp": "WEBP", ".ppm": "PPM", ".pgm": "PPM"}
-_EXIF_ORIENTATION = 0x0112
+_TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+"""EXIF orientation (tag 0x0112) -> what displays it upright."""
+_TURNED = (5, 6, 7, 8)
+"""Orientations that exchange width and height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +78,21 @@ def read_images(folder: ImageFolder, numbers: Sequence[int], limits: VideoLimits
             raise VideoError(f"{file.name} changed its size while it was in use. Start again.")
         try:
             with _open(file) as image:
-                yield number, _as_array(ImageOps.exif_transpose(image))
+                yield number, _as_array(_as_displayed(image))
         except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
             raise VideoError(f"{file.name} (frame {number}) is damaged: {str(error)[:200]}. Replace it or remove it.") from error
+
+
+def _turn_of(image: Image.Image) -> int:
+    """The EXIF orientation. Of a PNG only an EXIF block before the pixels counts: looking further would decode it."""
+    if image.format == "PNG" and "exif" not in image.info:
+        return 1
+    return int(image.getexif().get(0x0112, 1))
+
+
+def _as_displayed(image: Image.Image) -> Image.Image:
+    turn = _TURNS.get(_turn_of(image))
+    return image if turn is None else image.transpose(turn)
 
 
 def _as_array(image: Image.Image) -> UInt8[np.ndarray, "..."]:
@@ -91,7 +114,7 @@ def _displayed_size(file: Path, limits: VideoLimits) -> tuple[int, int]:
     try:
         with _open(file) as image:
             width, height = image.size
-            turned = image.getexif().get(_EXIF_ORIENTATION, 1) in (5, 6, 7, 8)
+            turned = _turn_of(image) in _TURNED
     except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
         raise VideoError(f"{file.name} is not an image that can be read: {str(error)[:200]}. Remove it from the folder, or replace it.") from error
     check_picture_size(file.name, (width, height), limits)
