@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ class Clip:
 
     def color(self, numbers: Sequence[int]) -> Iterator[tuple[int, np.ndarray]]:
         for number in numbers:
-            image = self.world.cast(number) * self.gains[number]
+            image = self.world.casts[number] * self.gains[number]
             yield number, self.spoil(number, np.clip(np.rint(image), 0, 255).astype(np.uint8))
 
     def gray(self, numbers: Sequence[int]) -> Iterator[tuple[int, np.ndarray]]:
@@ -64,6 +65,10 @@ class Clip:
 class World:
     scene: PlanarScene
     cameras: Cameras
+
+    @cached_property
+    def casts(self) -> list[np.ndarray]:
+        return [self.cast(row) for row in range(len(self.cameras.frame))]
 
     def clip(self, gains: np.ndarray | None = None, spoil: Callable[[int, np.ndarray], np.ndarray] = lambda _, image: image) -> Clip:
         return Clip(self, np.ones(len(self.cameras.frame)) if gains is None else gains, spoil)

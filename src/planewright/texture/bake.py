@@ -37,12 +37,13 @@ class BakeOptions:
     """Texels around each chart that continue it, so that smaller copies of the atlas do not mix faces."""
     erosion: int = 2
     """Pixels next to an occluder or the face's outline that are not used: they mix both sides."""
-    agreement: float = 8.0
-    """Grey levels around the median within which views are averaged; about twice the noise of a phone's video."""
+    agreement: float = 30.0
+    """Distance in RGB, grey levels, within which views support each other. Between 20 and 45 the textures of a noisy clip differ little; what counts is
+    that colours which most views share win. A median per channel kept more of the bushes before a wall, which look different from each side."""
 
 
 def bake_texture(frames: Frames, scene: PlanarScene, cameras: Cameras, options: BakeOptions = BakeOptions(), *, progress: Progress = silent) -> Atlas:
-    """A texture for every known face: at each texel the robust weighted median of the frames that see it best, after evening out the exposure.
+    """A texture for every known face: at each texel the colour that most of the frames which see it best agree on, after evening out the exposure.
 
     Faces hide one another by the model's own depth; what the model does not know (a passer-by, a shine) is outvoted by the other frames. Texels that
     no frame saw are filled in from their neighbours and flagged as inferred.
@@ -173,14 +174,29 @@ def _look(
 ) -> tuple[UInt8[np.ndarray, "rows columns 3"], Bool[np.ndarray, "rows columns"]]:
     """A face as one frame shows it, on its chart, and where it is seen."""
     pixels_from_texels = intrinsics.matrix @ _cam_from_texels(chart, pose)
+    ahead = _ahead(chart, pose)
+    window = _window(pixels_from_texels, chart, intrinsics.image_size, margin=options.erosion + 2) if ahead.all() else (slice(None), slice(None))
+    left, top = window[1].start or 0, window[0].start or 0
     size = (chart.width, chart.height)
     # OpenCV puts whole numbers at the centres of pixels and texels.
     half = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
-    warp = np.linalg.inv(half) @ pixels_from_texels @ half
-    seen = _seen(buffer, intrinsics, pose, chart, options)
-    color = cv2.warpPerspective(_not_finer_than_texels(image, pixels_from_texels, chart), warp, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    warp = np.array([[1.0, 0.0, -left - 0.5], [0.0, 1.0, -top - 0.5], [0.0, 0.0, 1.0]]) @ pixels_from_texels @ half
+    if buffer.face[window].size == 0:
+        return np.zeros((chart.height, chart.width, 3), dtype=np.uint8), np.zeros((chart.height, chart.width), dtype=bool)
+    seen = _seen(buffer, window, intrinsics, pose, chart, options)
+    part = _not_finer_than_texels(image[window], pixels_from_texels, chart)
+    color = cv2.warpPerspective(part, warp, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     valid = cv2.warpPerspective(seen, warp, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderValue=0) > 0
-    return color, valid & _ahead(chart, pose)
+    return color, valid & ahead
+
+
+def _window(pixels_from_texels: Mat3, chart: FaceChart, image_size: tuple[int, int], margin: int) -> tuple[slice, slice]:
+    """Rows and columns of the image that hold a chart which lies before the camera as a whole."""
+    corners = np.array([[0, 0, 1], [chart.width, 0, 1], [0, chart.height, 1], [chart.width, chart.height, 1]]) @ pixels_from_texels.T
+    xy = corners[:, :2] / corners[:, 2:]
+    low = np.clip(np.floor(xy.min(axis=0)) - margin, 0, image_size).astype(int)
+    high = np.clip(np.ceil(xy.max(axis=0)) + margin, 0, image_size).astype(int)
+    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
 def _cam_from_texels(chart: FaceChart, pose: Rigid) -> Mat3:
@@ -211,22 +227,23 @@ def _not_finer_than_texels(image: ColorImage, pixels_from_texels: Mat3, chart: F
     return cv2.GaussianBlur(image, (0, 0), sigma)
 
 
-def _seen(buffer: FaceBuffer, intrinsics: Intrinsics, pose: Rigid, chart: FaceChart, options: BakeOptions) -> UInt8[np.ndarray, "height width"]:
-    """255 where the face is the nearest (or as near as the nearest), away from where something else begins."""
+def _seen(
+    buffer: FaceBuffer, window: tuple[slice, slice], intrinsics: Intrinsics, pose: Rigid, chart: FaceChart, options: BakeOptions
+) -> UInt8[np.ndarray, "height width"]:
+    """255 where the face is the nearest (or as near as the nearest), away from where something else begins; of a window of the image."""
     normal_in_cam = pose.rotation @ np.cross(chart.axis_v, chart.axis_u)
     offset = normal_in_cam @ pose.apply(chart.origin[None])[0]
-    x = (np.arange(buffer.face.shape[1]) + 0.5 - intrinsics.principal_point[0]) / intrinsics.focal
-    y = (np.arange(buffer.face.shape[0]) + 0.5 - intrinsics.principal_point[1]) / intrinsics.focal
+    height, width = buffer.face.shape
+    x = ((np.arange(width) + 0.5 - intrinsics.principal_point[0]) / intrinsics.focal)[window[1]]
+    y = ((np.arange(height) + 0.5 - intrinsics.principal_point[1]) / intrinsics.focal)[window[0]]
     slope = (normal_in_cam[0] * x + normal_in_cam[1] * y[:, None] + normal_in_cam[2]).astype(np.float32)
+    face, nearest = buffer.face[window], buffer.depth[window]
+    depth = np.where(face >= 0, nearest, np.float32(0))
     # |plane depth - nearest depth| <= tolerance * nearest depth, with plane depth = offset / slope, and free of the division.
-    near = np.abs(np.float32(offset) - slope * _finite(buffer)) <= options.views.depth_tolerance * _finite(buffer) * np.abs(slope)
-    seen = (near & np.isfinite(buffer.depth)) | (buffer.face == chart.face)
+    near = np.abs(np.float32(offset) - slope * depth) <= options.views.depth_tolerance * depth * np.abs(slope)
+    seen = (near & (face >= 0)) | (face == chart.face)
     side = 2 * options.erosion + 1
     return cv2.erode(seen.astype(np.uint8) * 255, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
-
-
-def _finite(buffer: FaceBuffer) -> Float[np.ndarray, "height width"]:
-    return np.where(np.isfinite(buffer.depth), buffer.depth, np.float32(0))
 
 
 def _tones(looks: dict[int, _Looks]) -> Float[np.ndarray, "frames 3 256"]:

@@ -22,7 +22,7 @@ class ViewOptions:
 
     max_frames: int = 48
     """Frames that are looked at in all, spread over the clip; of neighbours, the one that moves least is taken."""
-    max_views: int = 16
+    max_views: int = 20
     """Frames a face takes its texture from."""
     min_cos: float = 0.2
     """Smallest cosine of the angle between a face's normal and the ray to the camera; flatter views smear."""
