@@ -15,4 +15,5 @@ from planewright.synthetic.refusals import single_plane as single_plane
 from planewright.synthetic.refusals import still_camera as still_camera
 from planewright.synthetic.render import RenderedFrames as RenderedFrames
 from planewright.synthetic.render import RenderOptions as RenderOptions
+from planewright.synthetic.score import score as score
 from planewright.synthetic.write import write_clip as write_clip

@@ -1,12 +1,13 @@
 """How hard a clip is: the share of visible corner-frames that plain pyramidal Lucas-Kanade keeps."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from planewright.arrays import Bool, Float, GrayImage
+from planewright.sketch.graph import Sketch
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,12 @@ def follow_corners(
                 if good:
                     found[p][k + way] = xy + 0.5
     return found
+
+
+def clicked(sketch: Sketch, order: Sequence[str]) -> dict[int, tuple[int, tuple[float, float]]]:
+    """The first mark of each point of a sketch, by its row in `order` (ids)."""
+    row = {k: i for i, k in enumerate(order)}
+    return {row[p.id]: min(p.marks.items()) for p in sketch.points if p.id in row and p.marks}
 
 
 def difficulty(

@@ -8,7 +8,6 @@ import numpy as np
 
 from planewright.arrays import Bool, ColorImage, Float, GrayImage, Int, UInt8
 from planewright.geometry.camera import Intrinsics
-from planewright.geometry.rigid import Rigid
 from planewright.synthetic import kernels
 from planewright.synthetic.motion import Path
 from planewright.synthetic.polygons import Polygons, flatten
@@ -162,8 +161,9 @@ class Renderer:
         samples = self.options.samples
         hit = np.zeros((height, width), np.int64)
         for k, place in enumerate(_sample_places(samples)):
-            time = number + self.options.shutter * ((k + 0.5) / samples - 0.5)
-            hit += self._add_sample(total, self.path.cam_from_world(time), self.path.world_from_object(time), (float(place[0]), float(place[1])))
+            sample = self._sample(number + self.options.shutter * ((k + 0.5) / samples - 0.5), (float(place[0]), float(place[1])))
+            sample.add_to(total, self.compiled)
+            hit += sample.index >= 0
         if hit.min() < samples:
             total += (samples - hit)[..., None].astype(np.float32) * np.asarray(self.scene.background, np.float32)
         rng = np.random.default_rng((self.options.seed, number))
@@ -175,12 +175,15 @@ class Renderer:
             total += np.float32(self.options.noise) * rng.standard_normal(total.shape, np.float32)
         return np.clip(np.rint(total), 0, 255).astype(np.uint8)
 
-    def _add_sample(
-        self, total: Float[np.ndarray, "height width 3"], cam_from_world: Rigid, world_from_object: Rigid, place: tuple[float, float]
-    ) -> Bool[np.ndarray, "height width"]:
-        """Add one sub-frame to `total`; says where a surface was hit."""
+    def surface_index(self, number: int) -> Int[np.ndarray, "height width"]:
+        """Which surface of the scene the middle of every pixel shows in the middle of the exposure; -1 for none."""
+        return self._sample(float(number), (0.5, 0.5)).index
+
+    def _sample(self, time: float, place: tuple[float, float]) -> "_Sample":
+        """What is nearest at one place of every pixel at one time."""
         c, polygons = self.compiled, self.compiled.polygons
-        cam_from_object = cam_from_world @ world_from_object
+        cam_from_world = self.path.cam_from_world(time)
+        cam_from_object = cam_from_world @ self.path.world_from_object(time)
         vertices = np.where(c.moving[polygons.owner, None], cam_from_object.apply(polygons.vertices), cam_from_world.apply(polygons.vertices))
         rotation = np.where(c.moving[:, None, None], cam_from_object.rotation, cam_from_world.rotation)
         translation = np.where(c.moving[:, None], cam_from_object.translation, cam_from_world.translation)
@@ -189,17 +192,29 @@ class Renderer:
         axes[..., :3] = polygons.frames[..., :3] @ rotation.transpose(0, 2, 1)
         axes[..., 3] = polygons.frames[..., 3] - np.einsum("pij,pj->pi", axes[..., :3], translation)
         normal, offset = axes[:, 2, :3], axes[:, 2, 3]
-        offset = np.where(np.abs(offset) < 1e-9, 1e-9, offset)
+        slope = -normal / np.where(np.abs(offset) < 1e-9, 1e-9, offset)[:, None]
         focal, (cx, cy) = self.intrinsics.focal, self.intrinsics.principal_point
-        slope = -normal / offset[:, None]
         inverse_depth = np.column_stack([slope[:, 0] / focal, slope[:, 1] / focal, slope[:, 2] - slope[:, 0] * cx / focal - slope[:, 1] * cy / focal])
         camera = (float(focal), float(cx), float(cy), *place)
-        index = np.full(total.shape[:2], -1, np.int64)
-        kernels.rasterize(vertices, polygons.loop_start, polygons.polygon_loop, inverse_depth, camera, _NEAR, np.zeros(total.shape[:2]), index)
-        kernels.shade(
-            index, np.ascontiguousarray(axes[:, :2]), inverse_depth, camera, c.density, c.gain, c.texture, c.level_start, c.level_size, c.texels, total
-        )
-        return index >= 0
+        width, height = self.intrinsics.image_size
+        index = np.full((height, width), -1, np.int64)
+        kernels.rasterize(vertices, polygons.loop_start, polygons.polygon_loop, inverse_depth, camera, _NEAR, np.zeros((height, width)), index)
+        return _Sample(index, np.ascontiguousarray(axes[:, :2]), inverse_depth, camera)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """One sub-frame before it is coloured; see `kernels.shade`."""
+
+    index: Int[np.ndarray, "height width"]
+    axes: Float[np.ndarray, "polygons 2 4"]
+    inverse_depth: Float[np.ndarray, "polygons 3"]
+    camera: tuple[float, float, float, float, float]
+
+    def add_to(self, total: Float[np.ndarray, "height width 3"], c: CompiledScene) -> None:
+        """Add its colours to `total`."""
+        textures = (c.texture, c.level_start, c.level_size, c.texels)
+        kernels.shade(self.index, self.axes, self.inverse_depth, self.camera, c.density, c.gain, *textures, total)
 
 
 @dataclass(frozen=True, eq=False)

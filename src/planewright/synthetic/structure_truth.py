@@ -162,19 +162,19 @@ class _Builder:
         self.inside: list[Float[np.ndarray, "3"]] = []
         self.attached: list[tuple[str, str]] = []
 
-    def corner(self, name: str, *xyz: float) -> None:
+    def corner(self, name: str, *xyz: float | int) -> None:
         self.names.append(name)
         self.points.append(np.array(xyz, dtype=np.float64))
 
     def at(self, name: str) -> Float[np.ndarray, "3"]:
         return self.points[self.names.index(name)]
 
-    def face(self, name: str, loop: str, inside: Sequence[float], *holes: str) -> None:
+    def face(self, name: str, loop: str, inside: Sequence[float | int], *holes: str) -> None:
         split = [tuple(PointId(corner) for corner in text.split()) for text in (loop, *holes)]
         self.faces.append(SketchFace(FaceId(name), split[0], tuple(split[1:])))
         self.inside.append(np.array(inside, dtype=np.float64))
 
-    def box(self, name: str, center: Sequence[float], size: Sequence[float], yaw_deg: float, faces: str = "front left right top") -> None:
+    def box(self, name: str, center: Sequence[float | int], size: Sequence[float | int], yaw_deg: float, faces: str = "front left right top") -> None:
         """A box standing at `center` (middle of its bottom), turned about the vertical."""
         c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
         for k, (x, y, z) in enumerate([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]):
@@ -185,7 +185,7 @@ class _Builder:
         for side in faces.split():
             self.face(f"{name}_{side}", " ".join(name + k for k in loops[side].split()), inner)
 
-    def build(self, target: Sequence[float], distance: float) -> StructureTruth:
+    def build(self, target: Sequence[float | int], distance: float | int) -> StructureTruth:
         used = {corner for face in self.faces for corner in face.corners}
         keep = [i for i, name in enumerate(self.names) if name in used]
         points = np.stack([self.points[i] for i in keep])
@@ -204,7 +204,7 @@ class _Builder:
         )
 
 
-def _orbit(target: Float[np.ndarray, "3"], distance: float) -> Float[np.ndarray, "cameras 3 4"]:
+def _orbit(target: Float[np.ndarray, "3"], distance: float | int) -> Float[np.ndarray, "cameras 3 4"]:
     """Twelve cameras on a wide arc, a little above, looking at the target."""
     out: list[Float[np.ndarray, "3 4"]] = []
     for turn in np.radians(np.linspace(-100.0, 100.0, 12)):
