@@ -1,5 +1,7 @@
 """The texture against the true colours of a small world."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -78,6 +80,30 @@ def test_the_same_input_gives_the_same_bytes(world, plain: Atlas) -> None:
     again = bake_texture(world.clip(), world.scene, world.cameras)
     assert_array_equal(again.image, plain.image)
     assert_array_equal(again.inferred, plain.inferred)
+
+
+def test_odd_scenes_and_clips_still_give_an_atlas(world) -> None:
+    scene, cameras = world.scene, world.cameras
+    far = scene.points.copy()
+    far[[1, 2, 8, 9]] *= [400.0, 1.0, 1.0]  # the wall and the side become very long, and pass behind some cameras
+    a, b, c = far[[1, 8, 9]]
+    normal = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
+    normals, offsets = scene.normals.copy(), scene.offsets.copy()
+    normals[2], offsets[2] = normal, normal @ a
+    long = bake_texture(world.clip(), replace(scene, points=far, normals=normals, offsets=offsets), cameras)
+    assert max(long.image.shape) <= 4096
+    window = next(chart for chart in long.charts if scene.sketch.faces[chart.face].id == "window")
+    points, colors, _ = clean_texels(long, world, window)
+    assert psnr(colors - world.true_color(window.face, points)) > 33
+    lost = bake_texture(world.clip(), scene, replace(cameras, posed=np.zeros(20, dtype=bool)))
+    assert lost.inferred.any()
+    assert (lost.image == 128).all()
+    nothing = bake_texture(world.clip(), replace(scene, face_known=np.zeros(5, dtype=bool)), cameras)
+    assert nothing.charts == ()
+    line = scene.points.copy()
+    line[[10, 11, 12, 13]] = np.linspace([0.2, 0.1, -0.4], [0.7, 0.1, -0.4], 4)
+    flat = bake_texture(world.clip(), replace(scene, points=line), cameras)
+    assert [scene.sketch.faces[chart.face].id for chart in flat.charts] == ["wall", "window", "side", "unseen"]
 
 
 def test_charts_keep_their_distance_in_the_atlas(plain: Atlas) -> None:

@@ -31,7 +31,7 @@ class BakeOptions:
     views: ViewOptions = field(default_factory=ViewOptions)
     max_side: int = 4096
     """Largest side of the atlas, texels; where the faces need more, all texels grow. What graphics cards and phones are sure to take."""
-    max_samples: int = 100_000_000
+    max_samples: int = 60_000_000
     """Most colours (views times texels) held at a time, 4 bytes each; large faces take fewer views where they would need more."""
     gutter: int = 4
     """Texels around each chart that continue it, so that smaller copies of the atlas do not mix faces."""
@@ -56,11 +56,11 @@ def bake_texture(frames: Frames, scene: PlanarScene, cameras: Cameras, options: 
     found = {f: face_rectangle(scene.normals[f], borders[0], up) for f, borders in enumerate(loops) if borders}
     rectangles = {f: rectangle for f, rectangle in found.items() if rectangle is not None}
     views = choose_views(scene, cameras, rectangles, frames.numbers, options.views, progress=progress)
-    charts, (width, height) = lay_charts(rectangles, _texel_sizes(rectangles, views), options.max_side, options.gutter)
+    charts, (width, height) = lay_charts(rectangles, _texel_sizes(rectangles, views, cameras.intrinsics.image_size), options.max_side, options.gutter)
     masks = {chart.face: chart_mask(chart, loops[chart.face]) for chart in charts}
     looks = _collect(frames, scene, cameras, charts, masks, _within_budget(charts, views, options.max_samples), options, progress)
     tone = _tones(looks)
-    image = np.zeros((height, width, 3), dtype=np.uint8)
+    image = np.full((height, width, 3), 128, dtype=np.uint8)
     covered, inferred = np.zeros((height, width), dtype=bool), np.zeros((height, width), dtype=bool)
     for chart in charts:
         place, inside = _place(chart, options.gutter), np.pad(masks[chart.face], options.gutter)
@@ -72,18 +72,20 @@ def bake_texture(frames: Frames, scene: PlanarScene, cameras: Cameras, options: 
             covered[place] = bool(count.any())
         else:
             inferred[place] = inside
-    # A face of which nothing was seen gets the average colour: it is not known, and should neither stand out nor look as if it were.
-    for chart in charts:
-        if covered.any() and not covered[_place(chart, options.gutter)].any():
-            image[_place(chart, options.gutter)] = image[covered].mean(axis=0).round().astype(np.uint8)
-    for chart in charts:
-        covered[_place(chart, options.gutter)] = True
-    return Atlas(fill_unseen(image, covered), inferred, charts)
+    # What lies between the charts, and faces of which nothing was seen, get the average colour: it should neither stand out nor look as if it were known.
+    if covered.any():
+        image[~covered] = image[covered].mean(axis=0).round().astype(np.uint8)
+    return Atlas(image, inferred, charts)
 
 
-def _texel_sizes(rectangles: dict[int, FaceRectangle], views: dict[int, FaceViews]) -> dict[int, float]:
+MAX_IMAGES = 6.0
+"""Most texels of one face, in images full of pixels: a floor that runs off into the distance must not leave the others without texture."""
+
+
+def _texel_sizes(rectangles: dict[int, FaceRectangle], views: dict[int, FaceViews], image_size: tuple[int, int]) -> dict[int, float]:
     """One texel for a pixel of the best view; a face that no frame sees gets 8 texels along its longer side: there is nothing to show."""
-    return {f: views[f].footprint if f in views else max(rectangle.size) / 8 for f, rectangle in rectangles.items()}
+    least = {f: float(np.sqrt(r.size[0] * r.size[1] / (MAX_IMAGES * image_size[0] * image_size[1]))) for f, r in rectangles.items()}
+    return {f: max(views[f].footprint, least[f]) if f in views else max(rectangle.size) / 8 for f, rectangle in rectangles.items()}
 
 
 def _within_budget(charts: Sequence[FaceChart], views: dict[int, FaceViews], max_samples: int) -> dict[int, FaceViews]:

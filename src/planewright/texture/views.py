@@ -116,18 +116,17 @@ def _sample_points(scene: PlanarScene, rectangles: dict[int, FaceRectangle]) -> 
         chart = FaceChart(f, rectangle.origin, rectangle.axis_u, rectangle.axis_v, texel, width, height)
         inside: Bool[np.ndarray, "height width"] = chart_mask(chart, loops[f])
         y, x = np.nonzero(inside)
-        samples[f] = chart.to_world(np.stack([x, y], axis=1) + 0.5)
+        # A sliver may slip between the points.
+        samples[f] = chart.to_world(np.stack([x, y], axis=1) + 0.5) if len(x) else loops[f][0].mean(axis=0, keepdims=True)
     return samples
 
 
 def _greedy(value: Float[np.ndarray, "views points"], max_views: int) -> Int[np.ndarray, "chosen"]:
     """Rows of the chosen views, increasing."""
-    scale = value.max()
     chosen: list[int] = []
     times = np.zeros(value.shape[1])
-    left = value / scale if scale > 0 else value
-    left = left.copy()
-    while len(chosen) < max_views:
+    left = value.copy()
+    while len(chosen) < min(max_views, len(value)):
         gain = left @ (1.0 / (1.0 + times))
         best = int(np.argmax(gain))
         if gain[best] <= 0:
