@@ -1,11 +1,16 @@
 # pyright: basic
 """Numba kernel of feature following: registration of many small patches to the frames they were born in."""
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit
 
+# `no_type_check` keeps the shape checker of the tests from wrapping a kernel before Numba sees it.
+
 
 @njit(cache=True, nogil=True)
+@no_type_check
 def align_patches(image, templates, steepest, inverse_hessians, offsets, weights, affine, centre, zncc, start, stop, max_iterations):
     """Register patches `start` to `stop` to `image`, in place: inverse-compositional Gauss-Newton on 6 affine, 1 gain and 1 bias parameter.
 

@@ -57,7 +57,7 @@ def measure_parallax(table: FrameTable, keyframes: Int[np.ndarray, "keyframes"],
     None where no two keyframes share 16 features.
     """
     pairs = [(a, b) for a in range(len(keyframes)) for b in range(a + 1, len(keyframes))]
-    sized = [(len(np.intersect1d(table.track[table.rows(keyframes[a])], table.track[table.rows(keyframes[b])], assume_unique=True)), a, b) for a, b in pairs]
+    sized = [(len(table.shared(int(keyframes[a]), int(keyframes[b]))[0]), a, b) for a, b in pairs]
     sized = [entry for entry in sized if entry[0] >= 16]
     if len(sized) > max_pairs:
         sized = [sized[i] for i in np.unique(np.linspace(0, len(sized) - 1, max_pairs).round().astype(int))]

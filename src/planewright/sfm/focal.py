@@ -15,7 +15,7 @@ from planewright.sfm.kernels import observation_pulls, reduced_system, robust_co
 class FocalOptions:
     """How the interval is found."""
 
-    max_ratio: float = 12.0
+    max_ratio: float = 20.0
     """Focal lengths beyond this multiple of the image's longer side are not told from infinity: the upper end is then open."""
     max_iterations: int = 8
     """Of the adjustment at each focal tried."""

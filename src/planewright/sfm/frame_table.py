@@ -79,18 +79,21 @@ def static_tracks(table: FrameTable, *, still: float = 1.0, moved: float = 10.0)
 def select_keyframes(table: FrameTable, *, motion: float, min_shared: float, max_keyframes: int) -> Int[np.ndarray, "keyframes"]:
     """Indices of frames between which the median feature moved more than `motion` pixels or fewer than `min_shared` of the features lived on.
 
-    Where that gives more than `max_keyframes`, both thresholds are widened together until it does not.
+    Where that gives more than `max_keyframes`, both thresholds are widened together until it does not. Frames with hardly any features (a hand before
+    the lens, a flash) are passed over.
     """
+    counts = np.diff(table.start)
+    usable = np.nonzero(counts >= max(0.1 * np.median(counts), 8))[0].tolist()
     while True:
-        keyframes = [0]
-        for k in range(1, table.num_frames):
+        keyframes = usable[:1]
+        for k in usable[1:]:
             _, a, b = table.shared(keyframes[-1], k)
             held = table.rows(keyframes[-1])
             count = held.stop - held.start
             if len(a) < min_shared * count or (len(a) and np.median(np.linalg.norm(b - a, axis=1)) > motion):
                 keyframes.append(k)
-        if keyframes[-1] != table.num_frames - 1:
-            keyframes.append(table.num_frames - 1)
+        if usable and keyframes[-1] != usable[-1]:
+            keyframes.append(usable[-1])
         if len(keyframes) <= max(max_keyframes, 2):
-            return np.array(keyframes)
+            return np.array(keyframes, np.intp)
         motion, min_shared = motion * 1.25, min_shared * 0.93 if min_shared > 0.01 else 0.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import poselib
 
-from planewright.arrays import Bool, Float, Int
+from planewright.arrays import Bool, Float, Int, Mat3, Vec3
 from planewright.geometry.rigid import Rigid
 from planewright.sfm.bundle import Bundle, FocalPrior, Observations, adjust, observations, robust_scale
 from planewright.sfm.frame_table import FrameTable
@@ -178,7 +178,7 @@ def grow(
     since, new, progressed = 0, 0, False
     while max_new is None or new < max_new:
         keyframe, count = next_keyframe(growth, table, tried)
-        if count < options.resection.min_inliers:
+        if count < options.resection.few_inliers:
             if not (tried and progressed):
                 break
             tried, progressed = set(), False
@@ -195,3 +195,78 @@ def grow(
             growth, since = add_points(growth, table, options), 0
     growth = adjust_growth(growth, table, options, free_focal=free_focal, prior=prior)
     return add_points(growth, table, options)
+
+
+def join(a: Growth, b: Growth, seed: int) -> Growth | None:
+    """Piece `b` moved into the frame of `a` by the points both know (a similarity, RANSAC over three); None where fewer than six agree.
+
+    Keyframes posed in both keep the pose of `a`, and points known in both their place in `a`.
+    """
+    common = np.nonzero(np.isfinite(a.xyz[:, 0]) & np.isfinite(b.xyz[:, 0]))[0]
+    if len(common) < 6:
+        return None
+    rng = np.random.default_rng(seed)
+    source, target = b.xyz[common], a.xyz[common]
+    # Depth is the least certain direction of both: 3 % of the points' spread tells right matches from wrong ones.
+    near = 0.03 * float(np.median(np.linalg.norm(target - np.median(target, axis=0), axis=1)))
+    best = np.zeros(len(common), bool)
+    for _ in range(300):
+        pick = rng.choice(len(common), 3, replace=False)
+        scale, turn, shift = similarity(source[pick], target[pick])
+        agree = np.linalg.norm(scale * source @ turn.T + shift - target, axis=1) < near
+        best = agree if agree.sum() > best.sum() else best
+    if best.sum() < 6:
+        return None
+    scale, turn, shift = similarity(source[best], target[best])
+    new = b.posed & ~a.posed
+    rotation, translation, xyz = a.rotation.copy(), a.translation.copy(), a.xyz.copy()
+    # x_cam = R x_b + t with x_b = turn^T (x_a - shift) / scale; the whole camera frame is scaled by `scale`.
+    rotation[new] = b.rotation[new] @ turn.T
+    translation[new] = scale * b.translation[new] - rotation[new] @ shift
+    only = np.isfinite(b.xyz[:, 0]) & ~np.isfinite(xyz[:, 0])
+    xyz[only] = scale * b.xyz[only] @ turn.T + shift
+    return replace(a, rotation=rotation, translation=translation, xyz=xyz, posed=a.posed | b.posed)
+
+
+def similarity(source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"]) -> tuple[float, Mat3, Vec3]:
+    """Scale, rotation and shift with target = scale * rotation @ source + shift in the least squares sense (Umeyama 1991)."""
+    mean_s, mean_t = source.mean(axis=0), target.mean(axis=0)
+    u, s, vt = np.linalg.svd((target - mean_t).T @ (source - mean_s))
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = (u * signs) @ vt
+    scale = float((s * signs).sum() / max(((source - mean_s) ** 2).sum(), 1e-300))
+    return scale, rotation, mean_t - scale * rotation @ mean_s
+
+
+def grow_pieces(
+    growth: Growth,
+    table: KeyframeTable,
+    pairs: tuple[tuple[int, int], ...],
+    options: GrowthOptions,
+    *,
+    prior: FocalPrior | None,
+    seed: int,
+    max_starts: int = 4,
+) -> Growth:
+    """Grow; where keyframes are left over, start again among them with the focal length known by now, and join the pieces.
+
+    A piece that cannot be joined (nothing is seen in both) is dropped unless it is larger than what there was.
+    """
+    growth = grow(growth, table, options, free_focal=True, prior=prior, seed=seed)
+    used: set[tuple[int, int]] = set()
+    for _ in range(max_starts):
+        left = [pair for pair in pairs if not growth.posed[pair[0]] and not growth.posed[pair[1]] and pair not in used]
+        if not left:
+            break
+        used.update(pair for pair in pairs if pair[0] == left[0][0] or pair[1] == left[0][1])
+        other = start_pair(table, *left[0], growth.values, replace(options, start_scale=max(growth.scale, 0.25 * options.start_scale)), seed)
+        if other is None:
+            continue
+        other = grow(adjust_growth(other, table, options, free_focal=False), table, options, free_focal=False, seed=seed)
+        joined = join(growth, other, seed)
+        if joined is not None:
+            joined = adjust_growth(add_points(joined, table, options), table, options, free_focal=True, prior=prior, max_iterations=15)
+            growth = grow(add_points(joined, table, options), table, options, free_focal=True, prior=prior, seed=seed)
+        elif other.posed.sum() > growth.posed.sum():
+            growth = grow(other, table, options, free_focal=True, prior=prior, seed=seed)
+    return growth

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planewright.arrays import Float
+from planewright.arrays import Bool, Float
 from planewright.progress import Progress, silent, steps
 from planewright.sfm.bundle import FocalPrior
 from planewright.sfm.growth import Growth, GrowthOptions, KeyframeTable, adjust_growth, grow, restrict, start_pair
@@ -52,6 +52,7 @@ def find_start(
     focals = np.array(options.focals) * size if prior is None else np.exp(prior.log_focal) * np.array([0.9, 1.0, 1.1])
     small = replace(growth_options, max_points=options.max_points)
     for a, b in pairs[: options.pairs]:
+        judged = neighbours(table, a, b, options.extra_keyframes)
         tried: list[tuple[float, int, Growth]] = []
         costs = np.full(len(focals), np.inf)
         for k, focal in enumerate(steps(focals, "Trying focal lengths", progress)):
@@ -61,7 +62,7 @@ def find_start(
                 continue
             growth = adjust_growth(growth, table, small, free_focal=False, update_scale=False)
             growth = grow(growth, table, replace(small, adjust_every=100), free_focal=False, seed=seed, max_new=options.extra_keyframes)
-            costs[k] = mean_cost(growth, table, growth_options.start_scale)
+            costs[k] = mean_cost(growth, table, judged, growth_options.start_scale)
             tried.append((costs[k], k, growth))
         if not tried:
             continue
@@ -71,20 +72,35 @@ def find_start(
             free = adjust_growth(
                 replace(growth, scale=growth_options.start_scale), table, small, free_focal=True, prior=prior, max_iterations=25, update_scale=False
             )
-            refined.append((mean_cost(free, table, growth_options.start_scale), k, free))
+            refined.append((mean_cost(free, table, judged, growth_options.start_scale), k, free))
         refined.sort(key=lambda entry: (entry[0], entry[1]))
         return Start(growth=refined[0][2], focals=focals, costs=costs)
     return None
 
 
-def mean_cost(growth: Growth, table: KeyframeTable, scale: float) -> float:
-    """Mean Cauchy cost an observation over the posed keyframes; a track without a point counts as 3 scales off, so that dropping points never pays."""
-    seen, kept = restrict(table.seen, np.ones(len(table.track), bool), growth.posed)
-    enough = np.diff(seen.first) >= 2
+def neighbours(table: KeyframeTable, a: int, b: int, extra: int) -> Bool[np.ndarray, "keyframes"]:
+    """The pair and the `extra` keyframes that see most of the tracks it shares: on these every focal is judged, posed there or not."""
+    point, camera = table.seen.point, table.seen.camera
+    both = np.zeros(len(table.track), np.intp)
+    np.add.at(both, point[(camera == a) | (camera == b)], 1)
+    counts = np.bincount(camera[both[point] == 2], minlength=table.num_keyframes)
+    counts[[a, b]] = counts.max() + 1
+    chosen = np.zeros(table.num_keyframes, bool)
+    chosen[np.argsort(-counts, kind="stable")[: extra + 2]] = True
+    return chosen
+
+
+def mean_cost(growth: Growth, table: KeyframeTable, judged: Bool[np.ndarray, "keyframes"], scale: float) -> float:
+    """Mean Cauchy cost an observation over the keyframes in `judged`.
+
+    A track without a point and a keyframe without a pose count as 3 scales off: a wrong focal that poses only the pair fits it perfectly.
+    """
+    seen, kept = restrict(table.seen, np.ones(len(table.track), bool), judged)
     point = seen.point
-    x = np.einsum("oij,oj->oi", growth.rotation[growth.posed][seen.camera], growth.xyz[kept[point]]) + growth.translation[growth.posed][seen.camera]
+    x = np.einsum("oij,oj->oi", growth.rotation[judged][seen.camera], growth.xyz[kept[point]]) + growth.translation[judged][seen.camera]
+    x[~growth.posed[judged][seen.camera]] = np.nan
     with np.errstate(invalid="ignore", divide="ignore"):
         residual = growth.values[1:3] + growth.values[0] * x[:, :2] / x[:, 2:] - seen.xy
         r2 = np.where(x[:, 2] > 1e-9, (residual**2).sum(axis=1), np.nan)
-    r2 = np.where(np.isfinite(r2), r2, (3 * scale) ** 2)[enough[point]]
+    r2 = np.where(np.isfinite(r2), r2, (3 * scale) ** 2)[(np.diff(seen.first) >= 2)[point]]
     return float(0.5 * scale**2 * np.log1p(r2 / scale**2).mean()) if len(r2) else np.inf

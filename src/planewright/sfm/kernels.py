@@ -1,11 +1,16 @@
 # pyright: basic
 """Numba kernels of the camera solve. Poses map world to camera; a step (omega, v) makes x_cam -> exp(omega) x_cam + v."""
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit
 
+# `no_type_check` keeps the shape checker of the tests from wrapping a kernel before Numba sees it.
+
 
 @njit(cache=True)
+@no_type_check
 def rotation_of(w0, w1, w2):
     """exp of a rotation vector: (3, 3)."""
     a2 = w0 * w0 + w1 * w1 + w2 * w2
@@ -25,6 +30,7 @@ def rotation_of(w0, w1, w2):
 
 
 @njit(cache=True)
+@no_type_check
 def robust_cost(intrinsics, rotation, translation, xyz, camera, point, xy, scale, residual):
     """Sum of Cauchy costs, in pixels squared: scale^2 / 2 log(1 + r^2 / scale^2); fills `residual` (obs, 2).
 
@@ -56,6 +62,7 @@ def robust_cost(intrinsics, rotation, translation, xyz, camera, point, xy, scale
 
 
 @njit(cache=True)
+@no_type_check
 def observation_jacobian(intrinsics, rotation, translation, xyz, jc, jp):
     """Derivatives of one projection: jc (2, 9) for log focal, k1, k2, omega, v; jp (2, 3) for the point. Returns u, v pixels and depth."""
     f, cx, cy, k1, k2 = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], intrinsics[4]
@@ -90,6 +97,7 @@ def observation_jacobian(intrinsics, rotation, translation, xyz, jc, jp):
 
 
 @njit(cache=True)
+@no_type_check
 def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, scale, damping, system, gradient, cross, inverse, point_gradient):
     """Normal equations with the points eliminated (Triggs et al. 2000, section 6): system (n, n) and gradient (n,), n = 3 + 6 cameras.
 
@@ -186,6 +194,7 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, sc
 
 
 @njit(cache=True)
+@no_type_check
 def observation_pulls(intrinsics, rotation, translation, xyz, first, camera, xy, scale, direction, cross, inverse, pulls):
     """How much each observation pulls the unknowns along `direction` (n,) at the optimum, its point free to follow: fills `pulls` (obs,).
 
@@ -218,6 +227,7 @@ def observation_pulls(intrinsics, rotation, translation, xyz, first, camera, xy,
 
 
 @njit(cache=True)
+@no_type_check
 def solve_spd(a, b, n):
     """Solve a x = b in place for a small symmetric positive definite a (n, n) by Cholesky; b (n,) becomes x. False where a is not positive."""
     for i in range(n):
@@ -245,6 +255,7 @@ def solve_spd(a, b, n):
 
 
 @njit(cache=True)
+@no_type_check
 def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
     """Levenberg-Marquardt on one pose (3, 3), (3,), in place, over points xyz (n, 3) seen at xy (n, 2), Cauchy cost. Returns the cost."""
     n = xyz.shape[0]
@@ -300,6 +311,7 @@ def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
 
 
 @njit(cache=True)
+@no_type_check
 def triangulate_points(intrinsics, rotation, translation, first, camera, xy, rays, scale, iterations, xyz, covariance, quality):
     """Each point on its own: rays' nearest point, then Gauss-Newton on the Cauchy cost.
 

@@ -16,9 +16,13 @@ class ResectionOptions:
     """When a pose counts."""
 
     min_inliers: int = 12
-    """Twice the six that fix a pose."""
+    """Four times the three points that fix a pose."""
     min_inlier_share: float = 0.35
     """Of the points seen in the frame."""
+    few_inliers: int = 8
+    """Enough where nearly all points agree: what is left where a clip thins out for a moment."""
+    few_inlier_share: float = 0.7
+    """That "nearly all"."""
     inlier_scales: float = 8.0
     """Residual of an inlier in multiples of the Cauchy scale."""
     iterations: int = 30
@@ -56,8 +60,8 @@ def resect(
 
     `values` are focal, principal point, k1, k2; `scale` is the Cauchy scale in pixels.
     """
-    if len(xyz) < options.min_inliers:
-        return NotPosed(f"{len(xyz)} points are seen; {options.min_inliers} are needed")
+    if len(xyz) < options.few_inliers:
+        return NotPosed(f"{len(xyz)} points are seen; {options.few_inliers} are needed")
     best: Posed | None = None
     for guess in guesses:
         found = _refine(values, xyz, xy, guess, scale, options)
@@ -75,7 +79,8 @@ def resect(
 
 
 def _supported(found: Posed, count: int, options: ResectionOptions) -> bool:
-    return found.inliers >= options.min_inliers and found.inliers >= options.min_inlier_share * count
+    many = found.inliers >= options.min_inliers and found.inliers >= options.min_inlier_share * count
+    return many or (found.inliers >= options.few_inliers and found.inliers >= options.few_inlier_share * count)
 
 
 def _refine(

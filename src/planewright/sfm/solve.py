@@ -15,7 +15,7 @@ from planewright.sfm.cameras import Cameras, ScenePoints
 from planewright.sfm.degeneracy import GateOptions, Refused, check_features, check_parallax, measure_parallax
 from planewright.sfm.focal import FocalOptions, FocalUncertainty, focal_uncertainty, settle_focal
 from planewright.sfm.frame_table import FrameTable, frame_table, select_keyframes, static_tracks
-from planewright.sfm.growth import Growth, GrowthOptions, KeyframeTable, grow, keyframe_table, restrict
+from planewright.sfm.growth import Growth, GrowthOptions, KeyframeTable, grow_pieces, keyframe_table, restrict
 from planewright.sfm.initialize import StartOptions, find_start
 from planewright.sfm.resection import Posed, ResectionOptions, resect
 from planewright.sfm.triangulate import intrinsics_value, triangulate
@@ -129,7 +129,7 @@ def _solve(
     if start is None:
         return Refused("no-start", "No pair of frames gives a first pair of cameras. Film a static scene, walking around it slowly.")
     progress("Posing keyframes", 0, None)
-    growth = grow(start.growth, keyed, growth_options, free_focal=True, prior=prior, seed=seed)
+    growth = grow_pieces(start.growth, keyed, parallax.ranked, growth_options, prior=prior, seed=seed)
     adjusted, seen, kept, radial_terms, scale = _final_adjustment(growth, keyed, image_size, options, prior, progress)
     growth = _put_back(growth, adjusted, kept)
 
