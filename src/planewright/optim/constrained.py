@@ -7,7 +7,7 @@ on Matrix Manifolds, section 4.1, for retractions.)
 """
 
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar, cast
+from typing import Generic, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lstsq, qr, solve_triangular
@@ -19,6 +19,7 @@ FloatArray = Float[np.ndarray, "..."]
 IndexArray = Int[np.ndarray, "..."]
 
 
+@runtime_checkable
 class ConstrainedProblem(Protocol[State]):
     """A cost and constraints on states that a vector of `n` small numbers moves."""
 

@@ -5,7 +5,8 @@ Hessian is made of 3x3 blocks, and the constraints alone couple planes and corne
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from functools import cached_property
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -39,6 +40,11 @@ class StructureState:
     """direction . x = offset."""
     points: Float[np.ndarray, "points 3"]
 
+    @cached_property
+    def bases(self) -> Float[np.ndarray, "directions 2 3"]:
+        """Tangent basis of every direction; asked for several times a step."""
+        return tangent_basis(self.directions)
+
 
 class Terms(NamedTuple):
     """Whitened residuals of one kind of evidence, each of 1 to 3 numbers, and their derivatives by the plane or corner they belong to."""
@@ -48,6 +54,7 @@ class Terms(NamedTuple):
     jacobian: Float[np.ndarray, "terms numbers 3"]
 
 
+@runtime_checkable
 class _AddTilt(Protocol):
     def __call__(self, row: Int[np.ndarray, "k"], plane: Int[np.ndarray, "k"], by_normal: Float[np.ndarray, "k 3"]) -> None:
         """Add the derivative of rows by the normals of planes to the Jacobian."""
@@ -95,7 +102,7 @@ class StructureProblem:
         """Tilts turn the directions (renormalized), the rest is added."""
         num_directions, num_planes = len(state.directions), len(state.offsets)
         tilt = step[: 2 * num_directions].reshape(-1, 2)
-        turned = state.directions + np.einsum("dk,dkj->dj", tilt, tangent_basis(state.directions))
+        turned = state.directions + np.einsum("dk,dkj->dj", tilt, state.bases)
         return StructureState(
             directions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
             offsets=state.offsets + step[2 * num_directions : 2 * num_directions + num_planes],
@@ -105,7 +112,7 @@ class StructureProblem:
     def terms(self, state: StructureState) -> tuple[Terms, Terms, Terms, Terms]:
         """All evidence at a state, in the order of `EvidenceScale`."""
         normals = state.directions[self.plane_direction]
-        bases = tangent_basis(state.directions)[self.plane_direction]
+        bases = state.bases[self.plane_direction]
         return (
             _plane_point_terms(self.evidence.plane_points, normals, bases, state.offsets, self.scale.plane_points),
             _mark_terms(self.evidence.marks, state.points, self.scale.marks),
@@ -123,7 +130,7 @@ class StructureProblem:
         return 0.5 * (total + self.ridge * float(away @ away))
 
     def _away(self, state: StructureState) -> Float[np.ndarray, "n"]:
-        tilt = np.einsum("dj,dkj->dk", state.directions - self.anchor.directions, tangent_basis(state.directions))
+        tilt = np.einsum("dj,dkj->dk", state.directions - self.anchor.directions, state.bases)
         return np.concatenate([tilt.ravel(), state.offsets - self.anchor.offsets, (state.points - self.anchor.points).ravel()])
 
     def normal_equations(self, state: StructureState) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n n"]]:
@@ -151,26 +158,32 @@ class StructureProblem:
         normals = state.directions[self.plane_direction]
         plane, corner = self.incidences.T
         rows = [(normals[plane] * points[corner]).sum(axis=1) - state.offsets[plane]]
-        a, b = given.angle_faces.T
-        rows.append((normals[a] * normals[b]).sum(axis=1) - given.angle_cosine)
-        i, j, k, m = given.equal_length.T
-        rows.append(((points[i] - points[j]) ** 2).sum(axis=1) - ((points[k] - points[m]) ** 2).sum(axis=1))
-        rows.append((normals[given.across_face] * given.across_vector).sum(axis=1))
-        face, i, j = given.across_edge.T
-        rows.append((normals[face] * (points[j] - points[i])).sum(axis=1))
-        face, i, j = given.along_edge.T
-        rows.append(np.cross(normals[face], points[j] - points[i]).ravel())
-        a, b, c = given.mirror.T
-        mirrored, offset = _mirrored(normals, state.offsets, a, c)
-        rows.append(np.cross(normals[b], mirrored).ravel())
-        rows.append((normals[b] * mirrored).sum(axis=1) * state.offsets[b] - offset)
+        if len(given.angle_faces):
+            a, b = given.angle_faces.T
+            rows.append((normals[a] * normals[b]).sum(axis=1) - given.angle_cosine)
+        if len(given.equal_length):
+            i, j, k, m = given.equal_length.T
+            rows.append(((points[i] - points[j]) ** 2).sum(axis=1) - ((points[k] - points[m]) ** 2).sum(axis=1))
+        if len(given.across_face):
+            rows.append((normals[given.across_face] * given.across_vector).sum(axis=1))
+        if len(given.across_edge):
+            face, i, j = given.across_edge.T
+            rows.append((normals[face] * (points[j] - points[i])).sum(axis=1))
+        if len(given.along_edge):
+            face, i, j = given.along_edge.T
+            rows.append(np.cross(normals[face], points[j] - points[i]).ravel())
+        if len(given.mirror):
+            a, b, c = given.mirror.T
+            mirrored, offset = _mirrored(normals, state.offsets, a, c)
+            rows.append(np.cross(normals[b], mirrored).ravel())
+            rows.append((normals[b] * mirrored).sum(axis=1) * state.offsets[b] - offset)
         return np.concatenate(rows)
 
     def constraint_jacobian(self, state: StructureState) -> Float[np.ndarray, "rows n"]:
         """Derivative of `constraints`."""
         given, points = self.constraints_given, state.points
         normals = state.directions[self.plane_direction]
-        bases = tangent_basis(state.directions)[self.plane_direction]
+        bases = state.bases[self.plane_direction]
         counts = [len(self.incidences), len(given.angle_faces), len(given.equal_length), len(given.across_face), len(given.across_edge)]
         total = sum(counts) + 3 * len(given.along_edge) + 4 * len(given.mirror)
         out = np.zeros((total, self.num_unknowns))
@@ -187,27 +200,33 @@ class StructureProblem:
         add_tilt(rows[0], plane, points[corner])
         add_point(rows[0], corner, normals[plane])
         out[rows[0], self.offset_columns(plane)] = -1.0
-        a, b = given.angle_faces.T
-        add_tilt(rows[1], a, normals[b])
-        add_tilt(rows[1], b, normals[a])
-        i, j, k, m = given.equal_length.T
-        first, second = 2.0 * (points[i] - points[j]), 2.0 * (points[k] - points[m])
-        for end, by_point in ((i, first), (j, -first), (k, -second), (m, second)):
-            add_point(rows[2], end, by_point)
-        add_tilt(rows[3], given.across_face, given.across_vector)
-        face, i, j = given.across_edge.T
-        add_tilt(rows[4], face, points[j] - points[i])
-        add_point(rows[4], j, normals[face])
-        add_point(rows[4], i, -normals[face])
-        row = int(starts[-1]) + 3 * np.arange(len(given.along_edge))
-        face, i, j = given.along_edge.T
-        for axis in range(3):
-            unit = np.eye(3)[axis]
-            # (n x e) . unit = n . (e x unit) = e . (unit x n)
-            add_tilt(row + axis, face, np.cross(points[j] - points[i], unit))
-            add_point(row + axis, j, np.cross(unit, normals[face]))
-            add_point(row + axis, i, -np.cross(unit, normals[face]))
-        self._mirror_jacobian(state, int(starts[-1]) + 3 * len(given.along_edge), add_tilt, out)
+        if len(given.angle_faces):
+            a, b = given.angle_faces.T
+            add_tilt(rows[1], a, normals[b])
+            add_tilt(rows[1], b, normals[a])
+        if len(given.equal_length):
+            i, j, k, m = given.equal_length.T
+            first, second = 2.0 * (points[i] - points[j]), 2.0 * (points[k] - points[m])
+            for end, by_point in ((i, first), (j, -first), (k, -second), (m, second)):
+                add_point(rows[2], end, by_point)
+        if len(given.across_face):
+            add_tilt(rows[3], given.across_face, given.across_vector)
+        if len(given.across_edge):
+            face, i, j = given.across_edge.T
+            add_tilt(rows[4], face, points[j] - points[i])
+            add_point(rows[4], j, normals[face])
+            add_point(rows[4], i, -normals[face])
+        if len(given.along_edge):
+            row = int(starts[-1]) + 3 * np.arange(len(given.along_edge))
+            face, i, j = given.along_edge.T
+            for axis in range(3):
+                unit = np.eye(3)[axis]
+                # (n x e) . unit = n . (e x unit) = e . (unit x n)
+                add_tilt(row + axis, face, np.cross(points[j] - points[i], unit))
+                add_point(row + axis, j, np.cross(unit, normals[face]))
+                add_point(row + axis, i, -np.cross(unit, normals[face]))
+        if len(given.mirror):
+            self._mirror_jacobian(state, int(starts[-1]) + 3 * len(given.along_edge), add_tilt, out)
         return out
 
     def _mirror_jacobian(self, state: StructureState, first_row: int, add_tilt: _AddTilt, out: Float[np.ndarray, "rows n"]) -> None:

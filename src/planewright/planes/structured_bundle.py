@@ -225,8 +225,10 @@ def _with_planes(rows: Int[np.ndarray, "k 3"], face_plane: Int[np.ndarray, "face
 def _scaled_evidence(evidence: Evidence, face_plane: Int[np.ndarray, "faces"], middle: Float[np.ndarray, "3"], diagonal: float) -> Evidence:
     """The evidence in the scaled scene: x_world = middle + diagonal * x."""
     points, marks, lines, priors = evidence.plane_points, evidence.marks, evidence.lines, evidence.priors
-    projection = marks.projection / diagonal
-    projection = np.concatenate([marks.projection[:, :, :3], (projection[:, :, :3] @ middle + projection[:, :, 3])[:, :, None]], axis=2)
+    # Scaled so that the third coordinate is the depth, whatever factor the projection came with.
+    projection = marks.projection / np.linalg.norm(marks.projection[:, 2, :3], axis=1)[:, None, None]
+    shifted = (projection[:, :, :3] @ middle + projection[:, :, 3]) / diagonal
+    projection = np.concatenate([projection[:, :, :3], shifted[:, :, None]], axis=2)
     return Evidence(
         PlanePoints(face_plane[points.face], (points.point - middle) / diagonal, points.sigma / diagonal),
         CornerMarks(marks.corner, projection, marks.xy, marks.sigma),
