@@ -54,6 +54,13 @@ def test_shading_is_one_tone_a_face_and_wire_shows_through(model: PlanarModel) -
     assert in_sight < hidden - 30 < hidden + 20 < background
 
 
+def test_a_fine_pattern_seen_from_afar_is_its_average(model: PlanarModel) -> None:
+    checks = np.zeros((64, 128, 3), dtype=np.uint8)
+    checks[(np.add.outer(np.arange(64), np.arange(128)) // 2) % 2 == 0] = 200
+    image = render_model(replace(model, atlas=checks, faces=model.faces[:1]), Rigid(np.eye(3), np.array([0.25, 0.0, 4.0])), CAMERA, "textured", NO_LINES)
+    assert np.abs(image[55:66, 75:86].astype(float) - 100).max() < 25
+
+
 def test_an_empty_model_and_one_behind_the_camera_show_the_background(model: PlanarModel) -> None:
     empty = render_model(replace(model, faces=()), HERE, CAMERA)
     behind = render_model(model, Rigid(np.eye(3), np.array([0.0, 0.0, -5.0])), CAMERA)

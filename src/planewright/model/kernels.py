@@ -10,17 +10,17 @@ from numba import njit
 # Without `no_type_check` the shape checker of the tests wraps the function before Numba sees it.
 @njit(cache=True)
 @no_type_check
-def paint_faces(face, warps, atlas, image):
-    """Paint `image` (height, width, 3; uint8) where `face` (height, width; int16) is not -1 with the atlas (rows, columns, 3; uint8), bilinearly.
+def paint_faces(face, warps, chosen, atlas, image):
+    """Paint `image` (height, width, 3; uint8) where `face` (height, width; int16) is a chosen one with the atlas (rows, columns, 3; uint8), bilinearly.
 
-    warps (faces, 3, 3): homogeneous pixel to texel coordinates, outer corners at 0.
+    warps (faces, 3, 3): homogeneous pixel to texel coordinates, outer corners at 0. chosen (faces; bool).
     """
     height, width = face.shape
     rows, columns = atlas.shape[0], atlas.shape[1]
     for y in range(height):
         for x in range(width):
             f = face[y, x]
-            if f < 0:
+            if f < 0 or not chosen[f]:
                 continue
             h = warps[f]
             px, py = x + 0.5, y + 0.5

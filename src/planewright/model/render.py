@@ -6,7 +6,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from planewright.arrays import ColorImage, Float, Int
+from planewright.arrays import Bool, ColorImage, Float, Int
 from planewright.geometry.camera import Intrinsics
 from planewright.geometry.raster import FaceBuffer, face_buffer, planar_polygons
 from planewright.geometry.rigid import Rigid
@@ -54,13 +54,36 @@ def render_model(
     blend = np.linspace(0.0, 1.0, height)[:, None, None]
     image = np.broadcast_to(np.rint((1 - blend) * np.array(options.top) + blend * np.array(options.bottom)), (height, width, 3)).astype(np.uint8)
     if mode == "textured" and model.faces:
-        warps = np.stack([_atlas_from_pixels(face, model, cam_from_world, intrinsics, factor) for face in model.faces])
-        paint_faces(buffer.face, warps, model.atlas, image)
+        _paint(image, model, cam_from_world, intrinsics, buffer, factor)
     elif mode == "shaded":
         tones = np.array([_tone(face, cam_from_world) for face in model.faces], dtype=np.uint8).reshape(-1, 3)
         image[buffer.face >= 0] = tones[buffer.face[buffer.face >= 0]]
     image = _with_edges(image, model, cam_from_world, intrinsics, buffer, mode, options)
     return cv2.resize(image, intrinsics.image_size, interpolation=cv2.INTER_AREA)
+
+
+def _paint(image: ColorImage, model: PlanarModel, pose: Rigid, intrinsics: Intrinsics, buffer: FaceBuffer, factor: int) -> None:
+    """The texture onto the image; faces that are seen much smaller than their texture take it from a smaller copy, which does not glitter."""
+    warps = np.stack([_atlas_from_pixels(face, model, pose, intrinsics, factor) for face in model.faces])
+    levels = np.array([_level(warp, buffer.face == f) for f, warp in enumerate(warps)])
+    for level in np.unique(levels).tolist():
+        height, width = (max(1, side >> level) for side in model.inferred.shape)
+        atlas = cv2.resize(model.atlas, (width, height), interpolation=cv2.INTER_AREA) if level else model.atlas
+        shrink = np.diag([width / model.inferred.shape[1], height / model.inferred.shape[0], 1.0])
+        paint_faces(buffer.face, shrink @ warps, levels == level, atlas, image)
+
+
+def _level(warp: Float[np.ndarray, "3 3"], covered: Bool[np.ndarray, "height width"]) -> int:
+    """How many times to halve the atlas so that a pixel in the middle of what a face covers takes about one texel."""
+    rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
+    if len(rows) == 0:
+        return 0
+    x, y = 0.5 * (columns[0] + columns[-1]) + 0.5, 0.5 * (rows[0] + rows[-1]) + 0.5
+    texels = np.array([[x, y, 1.0], [x + 1, y, 1.0], [x, y + 1, 1.0]]) @ warp.T
+    here, right, below = texels[:, :2] / texels[:, 2:]
+    # The finer of the two directions: an oblique face is better a little restless than smeared.
+    step = min(np.linalg.norm(right - here), np.linalg.norm(below - here))
+    return int(np.clip(np.floor(np.log2(max(step, 1.0) * 1.2)), 0, 6))
 
 
 def _atlas_from_pixels(face: FaceMesh, model: PlanarModel, pose: Rigid, intrinsics: Intrinsics, factor: int) -> Float[np.ndarray, "3 3"]:

@@ -63,7 +63,9 @@ def _line(x: Float[np.ndarray, "n"], y: Float[np.ndarray, "n"], gain: float, bia
         return gain, bias
     weight = 1.0 / (1.0 + ((y - gain * x - bias) / NOISE_SIGMA) ** 2)
     weight *= min(1.0, MAX_INFORMATION / float(weight.sum())) / NOISE_SIGMA**2
-    a = np.array([[weight @ (x * x) + GAIN_SIGMA**-2, weight @ x], [weight @ x, weight.sum() + BIAS_SIGMA**-2]])
-    b = np.array([weight @ (x * y) + GAIN_SIGMA**-2, weight @ y])
+    # Sums, not dot products: threaded ones may add in another order.
+    across = (weight * x).sum()
+    a = np.array([[(weight * x * x).sum() + GAIN_SIGMA**-2, across], [across, weight.sum() + BIAS_SIGMA**-2]])
+    b = np.array([(weight * x * y).sum() + GAIN_SIGMA**-2, (weight * y).sum()])
     solved = np.linalg.solve(a, b)
     return float(np.clip(solved[0], 0.3, 3.0)), float(solved[1])

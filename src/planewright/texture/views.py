@@ -127,7 +127,8 @@ def _greedy(value: Float[np.ndarray, "views points"], max_views: int) -> Int[np.
     times = np.zeros(value.shape[1])
     left = value.copy()
     while len(chosen) < min(max_views, len(value)):
-        gain = left @ (1.0 / (1.0 + times))
+        # Not a matrix product: threaded ones may add in another order.
+        gain = (left / (1.0 + times)).sum(axis=1)
         best = int(np.argmax(gain))
         if gain[best] <= 0:
             break
