@@ -39,12 +39,13 @@ class LiftOptions:
     photometric: PhotometricOptions = PhotometricOptions()
     click_sigma: float = 1.0
     """Standard deviation of a click an axis, pixels of the clip."""
-    plane_sigma: float = 0.004
-    """Relative depth error allowed to a plane on top of what the click gives; formal sigmas of planes are far too small."""
+    plane_sigma: float = 3.0
+    """Depth error allowed to a plane on top of what the click gives, in pixels of motion (`Views.depth_per_pixel`); formal sigmas of
+    planes are far too small."""
     rounds: int = 4
     """How often faces that found no plane try again with the corners known by then."""
-    on_plane: float = 0.01
-    """A corner lies on a face that it was drawn inside of when it is within this share of its depth of the face's plane."""
+    same_depth: float = 8.0
+    """Depths nearer to each other than this, in pixels of motion, may be the same."""
 
 
 EXPLAINED = 16.0
@@ -103,6 +104,8 @@ class _Lifter:
         self.choice: list[Hypothesis | None] = [None] * self.num_faces
         self.rho_ranges: dict[int, tuple[float, float]] = {}
         self.mark_sigma = options.click_sigma * views.scale
+        self.plane_sigma = options.plane_sigma * views.depth_per_pixel
+        self.same_depth = options.same_depth * views.depth_per_pixel
 
     # -- polygons -----------------------------------------------------------------------------------------------
 
@@ -145,7 +148,8 @@ class _Lifter:
             if len(z) < 8:
                 return None
             near, far = np.percentile(z, [1.0, 98.0])
-            self.rho_ranges[view] = (1.0 / (1.4 * far), 1.0 / (0.75 * near))
+            room = far - near
+            self.rho_ranges[view] = (1.0 / min(1.4 * far, far + 0.5 * room), 1.0 / max(0.75 * near, near - 0.4 * room))
         return self.rho_ranges[view]
 
     # -- hypotheses ---------------------------------------------------------------------------------------------
@@ -246,7 +250,7 @@ class _Lifter:
             rows = self.rays.of_point(c)[:1]
             if len(rows):
                 depth, slope = meet(self.rays, rows, guess.normal, guess.offset)
-                sigma = float(np.hypot(slope[0] * self.mark_sigma, self.options.plane_sigma))
+                sigma = float(np.hypot(slope[0] * self.mark_sigma, self.plane_sigma))
                 out[c] = (float(depth[0]), sigma)
         return out
 
@@ -330,12 +334,12 @@ class _Lifter:
         return energy
 
     def behind(self, mine: Hypothesis, other: Hypothesis) -> Bool[np.ndarray, "probe"]:
-        """Which of the probe points lie behind the other plane, or within 1 % of their depth before it."""
+        """Which of the probe points lie behind the other plane, or as good as in it."""
         center = self.views.centers[mine.view]
         toward = mine.probe - center
         along = toward @ other.normal
         reach = (other.offset - center @ other.normal) / np.where(np.abs(along) < 1e-12, 1e-12, along)
-        return (reach > 0) & (reach < 1.01)
+        return (reach > 0) & (reach < 1.0 + self.same_depth)
 
     # -- corners ------------------------------------------------------------------------------------------------
 
@@ -382,7 +386,7 @@ class _Lifter:
                 rows = self.rays.of_point(c)
                 before, across, after = (loop[(i + k) % 4] for k in (1, 2, 3))
                 others = [before, across, after]
-                if len(rows) == 0 or self.spread[c] < 0.02 or not self.known[others].all() or self.spread[others].max() > 0.5 * self.spread[c]:
+                if len(rows) == 0 or self.spread[c] < 2 * self.same_depth or not self.known[others].all() or self.spread[others].max() > 0.5 * self.spread[c]:
                     continue
                 guess = self.points[before] + self.points[after] - self.points[across]
                 row = rows[0]
@@ -390,7 +394,7 @@ class _Lifter:
                 on_ray = self.rays.origin[row] + depth * self.rays.direction[row]
                 gap = np.linalg.norm(guess - on_ray) / max(depth, 1e-12) * self.views.calibration[0, 0]
                 if depth > 0 and gap < 4.0 * self.mark_sigma and abs(np.log(depth / self.depth_of(c))) < 4.0 * self.spread[c]:
-                    self.points[c], self.spread[c] = on_ray, 0.02
+                    self.points[c], self.spread[c] = on_ray, 2 * self.same_depth
 
     def depth_of(self, point: int) -> float:
         """Depth of a known point in the view of its first mark."""
@@ -399,7 +403,7 @@ class _Lifter:
 
     def from_corners(self, face: int) -> Hypothesis | None:
         """The plane through three or more known corners that are not on a line; None where there are none, or they disagree."""
-        known = np.array([c for c in dict.fromkeys(self.corners[face]) if self.known[c] and self.spread[c] < 0.08], int)
+        known = np.array([c for c in dict.fromkeys(self.corners[face]) if self.known[c] and self.spread[c] < 8 * self.same_depth], int)
         if len(known) < 3:
             return None
         xyz = self.points[known]
@@ -491,4 +495,4 @@ def lone_points(lifter: _Lifter) -> None:
                 if depth[0] > 0:
                     best = (planes[0].zncc, lifter.rays.origin[row] + depth[0] * lifter.rays.direction[row], float(depth[0]))
         if best is not None:
-            lifter.points[c], lifter.known[c], lifter.spread[c] = best[1], True, 0.02
+            lifter.points[c], lifter.known[c], lifter.spread[c] = best[1], True, 2 * lifter.same_depth

@@ -26,17 +26,17 @@ class MultiviewOptions:
     """A face must cover this many working pixels in a reference."""
     min_zncc: float = 0.25
     """Estimates whose views agree less are dropped."""
-    start_shift: float = 60.0
-    """Displacement (working pixels, when the depth doubles) that the present plane is trusted to start from."""
-    floor: float = 1.5e-4
-    """Least relative depth sigma of a face in all: what cameras and images have in common however many views are compared."""
+    start: float = 0.075
+    """The first views compared see this share of the largest motion there is."""
+    floor: float = 0.12
+    """Least depth sigma of a face in all, in pixels of motion: what cameras and images have in common however many views are compared."""
     gray_error: float = 0.6
     """Error of grey values that all pixels of a face may have in common (coding, light), grey levels: bare faces cannot be located
     better than this over their mean slope, however many pixels they have."""
     max_tilt_deg: float = 12.0
     """Estimates that turn further away from the present plane followed something else."""
-    max_shift: float = 0.02
-    """So did those that move the face by more than this share of its depth."""
+    max_shift: float = 16.0
+    """So did those that move the face by more than this, in pixels of motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +77,13 @@ def measure_faces(
             start = plane_from_world(views, reference, normals[f], float(offsets[f]))
             if start is None or start[2] <= 0:
                 continue
-            found = refine(views, reference, start, options.start_shift, photometric, owners=owners, face=int(f))
+            found = refine(views, reference, start, options.start / views.depth_per_pixel, photometric, owners=owners, face=int(f))
             if found is None or found.zncc < options.min_zncc:
                 continue
             normal, offset = plane_to_world(views, reference, found.plane)
             if normal @ normals[f] < np.cos(np.radians(options.max_tilt_deg)):
                 continue
-            if np.abs(np.log((reference.basis @ found.plane).clip(1e-12) / (reference.basis @ start).clip(1e-12))).mean() > options.max_shift:
+            if np.abs(np.log((reference.basis @ found.plane).clip(1e-12) / (reference.basis @ start).clip(1e-12))).mean() > options.max_shift * views.depth_per_pixel:
                 continue
             out.append(FaceEstimate(int(f), found, normal, offset))
     return _consistent(out)
@@ -137,7 +137,7 @@ def plane_points(views: Views, estimates: Sequence[FaceEstimate], options: Multi
         growth = _scatter(views, own)
         for estimate in own:
             common = options.gray_error**2 * estimate.found.used / estimate.found.residual**2
-            xyz, sigma = _virtual_points(views, estimate, options.floor * np.sqrt(len(own)), float(np.sqrt(growth**2 + common * len(own))))
+            xyz, sigma = _virtual_points(views, estimate, options.floor * views.depth_per_pixel * np.sqrt(len(own)), float(np.sqrt(growth**2 + common * len(own))))
             faces += [f] * 3
             points += list(xyz)
             sigmas += list(sigma)

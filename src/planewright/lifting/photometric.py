@@ -272,7 +272,7 @@ def descend(
         trial = plane + step
         then = equations(views, reference, targets, trial, owners, face, options.noise)
         if then.used > 0.8 * now.used and then.cost / then.used < now.cost / now.used:
-            small = np.abs(step).max() < 2e-5 * abs(plane[2])
+            small = np.abs(step).max() < 0.015 * views.depth_per_pixel * abs(plane[2])
             plane, now, damping = trial, then, max(damping * 0.2, 1e-6)
             if small:
                 break
@@ -351,18 +351,18 @@ def hypotheses(
             found.append((plane, plane.plane))
     found.sort(key=lambda pair: -pair[0].zncc * min(1.0, pair[0].share * 2))
     kept: list[PhotometricPlane] = []
-    for _, start in _distinct(found)[: options.keep + 1]:
+    for _, start in _distinct(found, 16 * views.depth_per_pixel)[: options.keep + 1]:
         if plane := refine(views, reference, start, base * options.growth, options):
             kept.append(plane)
     kept.sort(key=lambda plane: -plane.zncc * min(1.0, plane.share * 2))
-    return [plane for plane, _ in _distinct([(p, p.plane) for p in kept])][: options.keep]
+    return [plane for plane, _ in _distinct([(p, p.plane) for p in kept], 16 * views.depth_per_pixel)][: options.keep]
 
 
-def _distinct(found: list[tuple[PhotometricPlane, Vec3]]) -> list[tuple[PhotometricPlane, Vec3]]:
-    """Without those whose inverse depths lie within 2 % of a better one's all over the face."""
+def _distinct(found: list[tuple[PhotometricPlane, Vec3]], tolerance: float) -> list[tuple[PhotometricPlane, Vec3]]:
+    """Without those whose inverse depths lie within `tolerance` (relative) of a better one's all over the face."""
     kept: list[tuple[PhotometricPlane, Vec3]] = []
     for plane, values in found:
-        if all(np.abs(values - other).sum() > 0.02 * abs(other[2]) for _, other in kept):
+        if all(np.abs(values - other).sum() > tolerance * abs(other[2]) for _, other in kept):
             kept.append((plane, values))
     return kept
 
@@ -372,7 +372,7 @@ def plane_from_scene_points(
 ) -> Vec3 | None:
     """The plane most scene features inside the polygon (array coordinates of the reference) lie on; None below five of them.
 
-    Fitted in inverse depth, where a plane is linear; an inlier is within 1 % of the depth.
+    Fitted in inverse depth, where a plane is linear; an inlier is within four pixels of motion.
     """
     cam = xyz @ views.rotation[reference.view].T + views.translation[reference.view]
     cam = cam[cam[:, 2] > 1e-6]
@@ -392,7 +392,7 @@ def plane_from_scene_points(
         if abs(np.linalg.det(basis[three])) < 0.05:
             continue
         plane = np.linalg.solve(basis[three], rho[three])
-        agree = np.abs(basis @ plane - rho) < 0.01 * rho
+        agree = np.abs(basis @ plane - rho) < 4 * views.depth_per_pixel * rho
         if agree.sum() > support:
             best, support = agree, int(agree.sum())
     if best is None or support < 5:

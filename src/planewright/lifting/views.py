@@ -11,7 +11,7 @@ import numpy as np
 
 from planewright.arrays import Float, Int, Mat3, UInt8
 from planewright.progress import Progress, silent, steps
-from planewright.sfm.cameras import Cameras
+from planewright.sfm.cameras import Cameras, ScenePoints
 from planewright.video.frames import Frames
 
 
@@ -41,6 +41,12 @@ class Views:
     """K in working pixels; the centre of the top-left pixel is (0.5, 0.5)."""
     rotation: Float[np.ndarray, "views 3 3"]
     translation: Float[np.ndarray, "views 3"]
+    depth_per_pixel: float
+    """Relative change of depth that moves what the views look at by one working pixel, in the view that shows it moved most.
+
+    Tolerances on depths are given in such pixels: a long lens far away sees a whole house in 6 % of the depth, a phone on a desk
+    in 60 %, so a share of the depth means nothing by itself.
+    """
 
     @property
     def projections(self) -> Float[np.ndarray, "views 3 4"]:
@@ -59,7 +65,7 @@ class Views:
 
 
 def load_views(
-    frames: Frames, cameras: Cameras, needed: Iterable[int], options: ViewOptions = ViewOptions(), *, progress: Progress = silent
+    frames: Frames, cameras: Cameras, scene: ScenePoints, needed: Iterable[int], options: ViewOptions = ViewOptions(), *, progress: Progress = silent
 ) -> Views:
     """Evenly spread posed frames, and the `needed` ones (those with marks) that have a pose.
 
@@ -79,11 +85,33 @@ def load_views(
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         images[k] = cv2.GaussianBlur(image, (0, 0), options.blur) if options.blur > 0 else image
     stretch = np.diag([size[0] / width, size[1] / height, 1.0])
-    return Views(
-        frame=np.array(wanted),
-        images=images,
-        scale=size[0] / width,
-        calibration=stretch @ cameras.intrinsics.pinhole().matrix,
-        rotation=cameras.rotation[rows],
-        translation=cameras.translation[rows],
-    )
+    calibration = stretch @ cameras.intrinsics.pinhole().matrix
+    rotation, translation = cameras.rotation[rows], cameras.translation[rows]
+    return Views(np.array(wanted), images, size[0] / width, calibration, rotation, translation, _depth_per_pixel(calibration, rotation, translation, scene, size))
+
+
+def _depth_per_pixel(
+    calibration: Mat3,
+    rotation: Float[np.ndarray, "views 3 3"],
+    translation: Float[np.ndarray, "views 3"],
+    scene: ScenePoints,
+    size: tuple[int, int],
+) -> float:
+    """For a point amid each view, at the median depth of the scene features: one over the largest motion per relative change of its depth."""
+    reach: list[float] = []
+    for view in np.unique(np.linspace(0, len(rotation) - 1, 12).round().astype(int)):
+        z = scene.xyz @ rotation[view][2] + translation[view][2]
+        if not (z > 0).any():
+            continue
+        depth = float(np.median(z[z > 0]))
+        turn = rotation @ rotation[view].T
+        shift = translation - turn @ translation[view]
+        p = (turn[:, :, 2] * depth + shift) @ calibration.T
+        along = (turn[:, :, 2] * depth) @ calibration.T
+        ahead = p[:, 2] > 1e-9
+        xy = p[:, :2] / np.where(ahead, p[:, 2], 1.0)[:, None]
+        inside = ahead & (xy > 0).all(axis=1) & (xy < size).all(axis=1)
+        move = (along[:, :2] - xy * along[:, 2:]) / np.where(ahead, p[:, 2], 1.0)[:, None]
+        if inside.any():
+            reach.append(float(np.linalg.norm(move[inside], axis=1).max()))
+    return 1.0 / max(float(np.median(reach)), 1.0) if reach else 0.01

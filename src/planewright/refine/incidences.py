@@ -16,7 +16,7 @@ def propose_incidences(
     normals: Float[np.ndarray, "faces 3"],
     offsets: Float[np.ndarray, "faces"],
     face_known: Bool[np.ndarray, "faces"],
-    tolerance: float = 0.01,
+    tolerance: float,
 ) -> Int[np.ndarray, "incidences 2"]:
     """(face, point) of known corners over the inside of a known face and within `tolerance` times their depth of its plane.
 

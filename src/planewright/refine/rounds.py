@@ -19,6 +19,7 @@ from planewright.relations.adjacency import Adjacency
 from planewright.relations.adjust import AdjustOptions, Structured, adjust_structure
 from planewright.relations.relation import Relation
 from planewright.sfm.cameras import Cameras, ScenePoints
+from planewright.sfm.pinhole import pinhole_sketch
 from planewright.sketch.graph import Sketch
 from planewright.tracking.edges import EdgeLine, EdgeOptions, corner_lines, edges_of_faces, measure_edges
 from planewright.tracking.visibility import owners_in_views, polygons_of
@@ -46,8 +47,10 @@ class RefineOptions:
     (standard deviation, working pixels). Each end is searched three times as far as both together."""
     click_sigma: float = 1.0
     """Standard deviation of a click an axis, pixels."""
-    patch_sigma: float = 0.01
-    """Relative depth sigma of a point located as a patch of its own."""
+    patch_sigma: float = 4.0
+    """Depth sigma of a point located as a patch of its own, in pixels of motion (`Views.depth_per_pixel`)."""
+    on_plane: float = 8.0
+    """A corner drawn inside a face is proposed to lie on it when it is this near to its plane, in pixels of motion."""
     adjust: AdjustOptions = field(default_factory=AdjustOptions)
     """The structured adjustment and its relations."""
 
@@ -88,10 +91,11 @@ def refine_structure(
 ) -> Structure:
     """Corners, planes and relations of a sketch in a clip with known cameras.
 
-    frames: without lens distortion (`video.undistort`); sketch: with its faces, marks in the same pixels as `frames`.
+    frames: without lens distortion (`video.undistort`); sketch: with its faces, as drawn, that is on frames with it.
     """
+    drawing, sketch = sketch, pinhole_sketch(sketch, cameras.intrinsics)
     marked = sorted({frame for point in sketch.points for frame in point.marks})
-    views = load_views(frames, cameras, marked, options.views, progress=progress)
+    views = load_views(frames, cameras, scene, marked, options.views, progress=progress)
     lifted = lift_sketch(views, sketch, scene, options.lift, rng=rng, progress=progress)
     rays = mark_rays(views, sketch)
     row = {point.id: i for i, point in enumerate(sketch.points)}
@@ -109,7 +113,7 @@ def refine_structure(
         structured, lines = _round(views, sketch, rays, edges, drawn, lifted, state, prior, options)
     progress("Refining corners and planes", rounds, rounds)
     notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
-    return Structure(structured.scene, structured.relations, structured.adjacency, notes)
+    return Structure(replace(structured.scene, sketch=drawing), structured.relations, structured.adjacency, notes)
 
 
 def _round(
@@ -127,7 +131,7 @@ def _round(
     estimates = measure_faces(views, state.normals, state.offsets, state.face_known, owners, options.faces, options.lift.photometric)
     usable = [(f, a, b) for f, a, b in edges if prior is not None and state.face_known[f] and state.known[a] and state.known[b] and drawn[min(a, b), max(a, b)]]
     lines = measure_edges(views, usable, state.points, state.covariance, state.normals, owners, replace(options.edges, prior=prior or 1.0))
-    proposed = propose_incidences(sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known)
+    proposed = propose_incidences(sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known, options.on_plane * views.depth_per_pixel)
     evidence = Evidence(
         plane_points=plane_points(views, estimates, options.faces),
         marks=_marks(views, rays, options.click_sigma * views.scale),
@@ -161,7 +165,7 @@ def _patch_priors(views: Views, rays: MarkRays, sketch: Sketch, lifted: Lifted, 
         across = 3.0 * depth / views.calibration[0, 0]  # the click itself says where across
         corner.append(int(c))
         mean.append(lifted.points[c])
-        whitening.append(np.diag([1 / across, 1 / across, 1 / (options.patch_sigma * depth)]) @ r)
+        whitening.append(np.diag([1 / across, 1 / across, 1 / (options.patch_sigma * views.depth_per_pixel * depth)]) @ r)
     return CornerPriors(np.array(corner, int), np.array(mean, float).reshape(-1, 3), np.array(whitening, float).reshape(-1, 3, 3))
 
 
