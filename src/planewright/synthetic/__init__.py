@@ -2,6 +2,7 @@
 
 from planewright.synthetic.clip import SyntheticClip as SyntheticClip
 from planewright.synthetic.difficulty import Difficulty as Difficulty
+from planewright.synthetic.difficulty import clip_difficulty as clip_difficulty
 from planewright.synthetic.difficulty import difficulty as difficulty
 from planewright.synthetic.houses import demo_scene as demo_scene
 from planewright.synthetic.houses import toy_house as toy_house

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 
 from planewright.arrays import Bool, Float, GrayImage
 from planewright.sketch.graph import Sketch
+from planewright.video.frames import Frames
 
 
 @dataclass(frozen=True)
@@ -82,3 +84,19 @@ def difficulty(
         error[p] = np.where(np.isfinite(away), away, np.inf)
     share = [100.0 * float((error[visible] <= limit).sum()) / total for limit in (2.0, 5.0)]
     return Difficulty(share[0], share[1], int(visible.sum()))
+
+
+def clip_difficulty(frames: Frames, sketch: Sketch, truth: Mapping[str, Any], options: FollowOptions = FollowOptions()) -> Difficulty:
+    """The same for a whole clip, its sketch and its truth (`planewright-truth` or `planewright-truth-tracks`)."""
+    order = list(truth["tracks"])
+    width = 1 + max(frames.numbers)
+    xy = np.full((len(order), width, 2), np.nan)
+    visible = np.zeros((len(order), width), np.bool_)
+    for row, point in enumerate(order):
+        known = truth["tracks"][point]
+        if "xy" in known:
+            xy[row], visible[row] = known["xy"], np.array(known["visible"], np.bool_)
+        else:
+            at = [int(k) for k in known]
+            xy[row, at], visible[row, at] = list(known.values()), True
+    return difficulty(frames.gray(frames.numbers), clicked(sketch, order), xy, visible, options)
