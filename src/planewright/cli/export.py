@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from planewright.errors import UsageError
 from planewright.export.formats import export_model, read_result_model
 
 
@@ -10,6 +9,4 @@ def run(result: Path, format: str, output: Path, *, force: bool) -> None:
     """Write the file. Raises UsageError where it is there already, or the format is unknown; ResultError where there is no result."""
     folder = result if result.is_dir() else result.parent
     model = read_result_model(folder)
-    if output.exists() and not force:
-        raise UsageError(f"{output} exists. Choose another name, or replace it with --force.")
-    export_model(model, format, output)
+    export_model(model, format, output, force=force)
