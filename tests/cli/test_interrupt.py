@@ -11,7 +11,7 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows sends Ctrl-C to
 
 BUSY = {
     "python code": "while True: pass",
-    "a sleeping library": "import ctypes; ctypes.CDLL(None).sleep(600)",
+    "a sleeping library": "import ctypes\nwhile True: ctypes.CDLL(None).sleep(600)",
     "loading libraries": "while True:\n    import importlib, json; importlib.reload(json)",
     "swallowing errors": "while True:\n    try: stop_asked()\n    except BaseException: pass",
     "waiting for a thread": "import threading; threading.Event().wait()",

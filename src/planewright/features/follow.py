@@ -14,7 +14,7 @@ from planewright.features.kernels import align_patches
 from planewright.progress import Progress, silent
 from planewright.video.frames import Frames
 
-Regions = Mapping[int, Sequence[Float[np.ndarray, "corners 2"]]]
+Regions = Mapping[int, Sequence[Float[np.ndarray, "_corners 2"]]]
 """Frame number -> polygons in pixels."""
 
 
@@ -255,7 +255,7 @@ def _shrink(image: GrayImage, scale: float) -> GrayImage:
     return np.asarray(cv2.resize(image[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA))
 
 
-def _inside(polygons: Sequence[Float[np.ndarray, "corners 2"]], shape: tuple[int, int], scale: float) -> Bool[np.ndarray, "height width"]:
+def _inside(polygons: Sequence[Float[np.ndarray, "_corners 2"]], shape: tuple[int, int], scale: float) -> Bool[np.ndarray, "height width"]:
     mask = np.zeros(shape, np.uint8)
     for polygon in polygons:
         cv2.fillPoly(mask, [np.round(polygon / scale - 0.5).astype(np.int32)[:, None]], 1)

@@ -33,7 +33,7 @@ from planewright.tracking.follow import follow_corners
 from planewright.tracking.tracks import Tracks
 from planewright.video.clip import Clip, open_clip
 from planewright.video.frame_range import FrameRange
-from planewright.video.inspect import inspect_clip
+from planewright.video.inspect import ClipFindings, inspect_clip
 from planewright.video.undistort import UndistortedFrames
 
 Value = TypeVar("Value")
@@ -116,7 +116,7 @@ class _Run:
         sketch, sketch_notes = checked_sketch(self.drawing, clip.info)
         self.checkpoints.open()
 
-        looked = self.finish("look", tuple[str, ...], lambda: inspect_clip(clip, progress=progress).sentences)
+        looked = self.finish("look", ClipFindings, lambda: inspect_clip(clip, progress=progress))
         features = self.finish("features", Features, lambda: follow_features(clip, stages.features, progress=progress))
         filmed = self.finish("cameras", Filmed, lambda: find_cameras(clip, features, sketch, stages, self.random("cameras"), progress=progress))
         cameras, points = filmed.solved.cameras, filmed.solved.points
@@ -131,7 +131,7 @@ class _Run:
         atlas = self.finish("texture", Atlas, lambda: bake_texture(frames, scene, cameras, stages.texture, progress=progress))
         model = build_model(scene, atlas, cameras=cameras)
 
-        warnings = (*clip.info.warnings, *looked, *sketch_notes, *filmed.notes, *filmed.solved.summary.warnings, *structure.notes)
+        warnings = (*clip.info.warnings, *looked.sentences, *sketch_notes, *filmed.notes, *filmed.solved.summary.warnings, *structure.notes)
         # What leaves the walk speaks of the frames as displayed, and so does the sketch in it.
         structure = replace(structure, scene=replace(scene, sketch=sketch))
         result = Result(clip.info, cameras, structure, tracks, model, tuple(dict.fromkeys(warnings)))

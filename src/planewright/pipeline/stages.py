@@ -73,14 +73,15 @@ def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: St
     inside = follow_features(frames, options.features, regions=regions, progress=progress)
     second = solve_cameras(inside, np.array(frames.numbers), frames.image_size, known=sketch.camera, options=options.cameras, rng=rng, progress=progress)
     if isinstance(second, Refused):
-        raise GeometryError(f"{first.reason} The drawn faces by themselves do not tell either: {second.reason}")
+        also = "" if second.reason == first.reason else f" The drawn faces by themselves do not tell either: {second.reason}"
+        raise GeometryError(first.reason + also)
     return Filmed(second, (f"The cameras come from features on the drawn faces alone: {first.reason}",))
 
 
-def face_regions(sketch: Sketch) -> Mapping[int, Sequence[Float[np.ndarray, "corners 2"]]]:
+def face_regions(sketch: Sketch) -> Mapping[int, Sequence[Float[np.ndarray, "_corners 2"]]]:
     """Frame -> the polygons of the faces that have at least three corners marked there, in pixels."""
     marks = {point.id: point.marks for point in sketch.points}
-    regions: dict[int, list[Float[np.ndarray, "corners 2"]]] = {}
+    regions: dict[int, list[Float[np.ndarray, "_corners 2"]]] = {}
     for face in sketch.faces:
         for frame in sorted({frame for corner in face.loop for frame in marks[corner]}):
             polygon = [marks[corner][frame] for corner in face.loop if frame in marks[corner]]

@@ -107,7 +107,7 @@ def choose_views(
     return views
 
 
-def _sample_points(scene: PlanarScene, rectangles: dict[int, FaceRectangle]) -> dict[int, Float[np.ndarray, "points 3"]]:
+def _sample_points(scene: PlanarScene, rectangles: dict[int, FaceRectangle]) -> dict[int, Float[np.ndarray, "_points 3"]]:
     loops = face_loops(scene)
     samples: dict[int, Float[np.ndarray, "points 3"]] = {}
     for f, rectangle in sorted(rectangles.items()):
