@@ -41,9 +41,9 @@ def demo_scene(num_frames: int = 80, size: tuple[int, int] = (640, 360), seed: i
         "lean_top": print_on((196, 200, 190), 30, 0.16),
     }  # fmt: skip
     around: list[Surface] = [
-        quad((-4.5, -4.0, 0.0), (9.0, 0, 0), (0, 8.0, 0), planks((158, 122, 84), 0.55), 0.7 * density),
-        quad((-4.5, 3.2, 0.0), (9.0, 0, 0), (0, 0, 4.0), print_on((206, 204, 196), 5, 0.5), 0.5 * density),
-        quad((-4.4, -4.0, 0.0), (0, 8.0, 0), (0, 0, 4.0), plaster((188, 196, 200), 0.05), 0.4 * density),
+        quad((-4.5, -4.0, 0.0), (9.0, 0, 0), (0, 8.0, 0), planks((158, 122, 84), 0.32, 0.16), 0.7 * density),
+        quad((-4.5, 3.2, 0.0), (9.0, 0, 0), (0, 0, 4.0), print_on((206, 204, 196), 14, 0.4), 0.5 * density),
+        quad((-4.4, -4.0, 0.0), (0, 8.0, 0), (0, 0, 4.0), print_on((188, 196, 200), 10, 0.4), 0.5 * density),
         quad((4.4, 4.0, 0.0), (0, -8.0, 0), (0, 0, 4.0), books(0.75), 0.4 * density),
         *box((-2.6, 1.6, 0.0), (0.9, 0.7, 0.8), 20.0, print_on((70, 130, 120), 20, 0.3), 0.8 * density),
         *box((3.0, 1.7, 0.0), (0.8, 0.9, 1.2), -15.0, print_on((190, 140, 70), 20, 0.3), 0.8 * density),
@@ -59,7 +59,7 @@ def demo_scene(num_frames: int = 80, size: tuple[int, int] = (640, 360), seed: i
         radius=4.6,
         height=(2.3, 2.9),
         azimuth_deg=(-82.0 - 0.5 * arc, -82.0 + 0.5 * arc),
-        tremor=draw_tremor(0.05, 0.7, rng),
+        tremor=draw_tremor(0.06, 0.9, rng),
         sweeps=max(1, round(num_frames / 150)),
     )
     return SyntheticClip("demo", scene, path, centered_camera(size, 0.83), RenderOptions(seed=seed))
