@@ -94,3 +94,97 @@ def line_scores(strip, valid, half, out):
                 total += strip[s, j] * (1.0 - f) + strip[s, j + 1] * f
                 n += 1
             out[ia, ib] = total / n if n else 0.0
+
+
+@njit(cache=True)
+def frame_edges(image, ends, radius, spacing, limit, out):
+    """Where drawn edges run in one frame, near where they are predicted.
+
+    ends (E, 4): predicted end points (x0, y0, x1, y1); radius: pixels searched to both sides. For each sample along an edge the
+    steepest place across it is found (parabola through three), then a straight line by reweighted least squares about the median.
+    Fills out (E, 4): offset at the first end, at the second (pixels, along the normal (-dy, dx) / length), standard deviation of a
+    sample about the line, share of samples that lie on it; the share is 0 where there is no line.
+    """
+    half = int(2 * radius)
+    profile = np.empty(2 * half + 3)
+    for e in range(ends.shape[0]):
+        out[e, 3] = 0.0
+        x0, y0, x1, y1 = ends[e]
+        length = np.hypot(x1 - x0, y1 - y0)
+        if length < 10.0:
+            continue
+        nx, ny = -(y1 - y0) / length, (x1 - x0) / length
+        count = min(max(int(length / spacing), 5), 60)
+        t = np.empty(count)
+        d = np.empty(count)
+        w = np.empty(count)
+        n = 0
+        looked = 0
+        for s in range(count):
+            u = (s + 0.5) / count
+            if u < 0.04 or u > 0.96:
+                continue
+            x, y = x0 + u * (x1 - x0), y0 + u * (y1 - y0)
+            good = True
+            for j in range(2 * half + 3):
+                o = 0.5 * (j - 1 - half)
+                profile[j] = _sample(image, x + o * nx, y + o * ny)
+                if profile[j] < 0.0:
+                    good = False
+                    break
+            if not good:
+                continue
+            looked += 1
+            best, at = 0.0, -1
+            for j in range(1, 2 * half + 2):
+                # nearer places win over slightly steeper ones further off
+                o = 0.5 * (j - 1 - half)
+                g = abs(profile[j + 1] - profile[j - 1]) / (1.0 + (o / radius) ** 2)
+                if g > best:
+                    best, at = g, j
+            if at < 0 or best < limit:
+                continue
+            shift = 0.0
+            if at > 1 and at < 2 * half + 1:
+                a = abs(profile[at] - profile[at - 2])
+                b = abs(profile[at + 1] - profile[at - 1])
+                c = abs(profile[at + 2] - profile[at])
+                bend = a - 2.0 * b + c
+                if bend < 0.0:
+                    shift = min(max(0.5 * (a - c) / bend, -0.5), 0.5)
+            t[n] = u
+            d[n] = 0.5 * (at - 1 - half + shift)
+            n += 1
+        if n < 5 or 2 * n < looked:
+            continue
+        middle = np.median(d[:n])
+        a, b = middle, middle
+        scale = 1.0
+        for _ in range(8):
+            s0 = s1 = s2 = r0 = r1 = 0.0
+            for i in range(n):
+                r = (d[i] - a * (1.0 - t[i]) - b * t[i]) / scale
+                w[i] = 1.0 / (1.0 + r * r)
+                p, q = 1.0 - t[i], t[i]
+                s0 += w[i] * p * p
+                s1 += w[i] * p * q
+                s2 += w[i] * q * q
+                r0 += w[i] * p * d[i]
+                r1 += w[i] * q * d[i]
+            det = s0 * s2 - s1 * s1
+            if det < 1e-9:
+                break
+            a, b = (r0 * s2 - r1 * s1) / det, (r1 * s0 - r0 * s1) / det
+            scale = max(0.6 * scale, 0.3)
+        on = 0
+        total = 0.0
+        for i in range(n):
+            r = d[i] - a * (1.0 - t[i]) - b * t[i]
+            if abs(r) < 0.8:
+                on += 1
+                total += r * r
+        if on >= 5:
+            out[e, 0] = a
+            out[e, 1] = b
+            out[e, 2] = max(np.sqrt(total / on), 0.05)
+            out[e, 3] = on / looked
