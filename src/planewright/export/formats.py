@@ -5,42 +5,45 @@ from pathlib import Path
 from types import MappingProxyType
 
 from planewright.errors import ResultError, UsageError
-from planewright.export.gltf import read_glb, write_glb
-from planewright.export.obj import one_word, write_obj
-from planewright.export.ply import write_ply
+from planewright.export.atomic import write_whole
+from planewright.export.gltf import encode_glb, read_glb
+from planewright.export.obj import encode_obj
+from planewright.export.ply import encode_ply
 from planewright.model.planar_model import PlanarModel
 
-Writer = Callable[[PlanarModel, Path], None]
+Encoder = Callable[[PlanarModel, Path], Mapping[Path, bytes]]
+"""What a format makes of a model to be written to a path: files and their content, in the order of writing, the path itself last."""
 
-WRITERS: Mapping[str, Writer] = MappingProxyType({"glb": write_glb, "obj": write_obj, "ply": write_ply})
-"""Name of a format -> what writes it. A new format is a new file here and a line in this table."""
 
+def _glb(model: PlanarModel, path: Path) -> dict[Path, bytes]:
+    return {path: encode_glb(model)}
+
+
+ENCODERS: Mapping[str, Encoder] = MappingProxyType({"glb": _glb, "obj": encode_obj, "ply": encode_ply})
+"""The formats by name. A new format is a new file here and an entry in this table."""
 
 BESIDE: Mapping[str, tuple[str, ...]] = MappingProxyType({"obj": (".mtl", ".png"), "ply": (".png",)})
 """Endings of the files that a format puts beside the one that was asked for."""
-
-
-def files_of(format: str, path: Path) -> tuple[Path, ...]:
-    """Every file that writing `path` in a format makes, `path` first. Raises UsageError for a format that is not known, or a name that cannot be."""
-    if format not in WRITERS:
-        raise UsageError(f"{format!r} is not a format that can be written. Choose one of: {', '.join(WRITERS)}.")
-    beside = tuple(path.with_name(one_word(path.stem) + ending) for ending in BESIDE.get(format, ()))
-    if path in beside:
-        raise UsageError(f"{path.name} is the name of the texture that goes with it. Choose a name that ends in .{format}.")
-    return (path, *beside)
 
 
 def export_model(model: PlanarModel, format: str, path: Path, *, force: bool = False) -> None:
     """Write the model in a format.
 
     Raises:
-        UsageError: the format is not known, or a file that would be written is there already and `force` is not given.
+        UsageError: the format is not known, or something else would be written over and `force` is not given. A texture that is there already with the very
+            same content, from another format under the same name, is not in the way.
         OutputError: a file cannot be written.
     """
-    there = [file for file in files_of(format, path) if file.exists()]
+    if format not in ENCODERS:
+        raise UsageError(f"{format!r} is not a format that can be written. Choose one of: {', '.join(ENCODERS)}.")
+    if format in BESIDE and path.suffix.lower() in BESIDE[format]:
+        raise UsageError(f"{path.name} would be the name of a file that goes with it. Choose a name that ends in .{format}.")
+    files = ENCODERS[format](model, path)
+    there = [file for file, data in files.items() if file.exists() and (file == path or not file.is_file() or file.read_bytes() != data)]
     if there and not force:
         raise UsageError(f"{', '.join(map(str, there))} exists. Choose another name, or replace it with --force.")
-    WRITERS[format](model, path)
+    for file, data in files.items():
+        write_whole(file, data)
 
 
 def read_result_model(folder: Path) -> PlanarModel:

@@ -11,7 +11,13 @@ from planewright.model.planar_model import PlanarModel
 
 
 def write_obj(model: PlanarModel, path: Path) -> None:
-    """The model as OBJ, y up, in metres where a length is known; one object a face. Raises OutputError.
+    """The model as OBJ, y up, in metres where a length is known; one object a face. Raises OutputError."""
+    for file, data in encode_obj(model, path).items():
+        write_whole(file, data)
+
+
+def encode_obj(model: PlanarModel, path: Path) -> dict[Path, bytes]:
+    """The files of `write_obj`. The OBJ comes last: whoever waits for it finds the others in place.
 
     The texture is a PNG: tools that read OBJ are often used to go on editing, and each saving of a JPEG would lose a little more.
     """
@@ -29,10 +35,7 @@ def write_obj(model: PlanarModel, path: Path) -> None:
         lines += ["f " + " ".join(f"{corner}/{corner}/{number}" for corner in triangle) for triangle in face.triangles + first]
         first += len(face.vertices)
     material = ["newmtl texture", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "illum 1", f"map_Kd {stem}.png"]
-    # The OBJ comes last: whoever waits for it finds the others in place.
-    write_whole(path.with_name(f"{stem}.png"), png(model.atlas))
-    write_whole(path.with_name(f"{stem}.mtl"), _text(material))
-    write_whole(path, _text(lines))
+    return {path.with_name(f"{stem}.png"): png(model.atlas), path.with_name(f"{stem}.mtl"): _text(material), path: _text(lines)}
 
 
 def one_word(name: str) -> str:

@@ -12,7 +12,13 @@ from planewright.model.planar_model import FaceMesh, PlanarModel
 
 
 def write_ply(model: PlanarModel, path: Path) -> None:
-    """The model as PLY: world coordinates and unit as they are (z up once up is known), for surveying and analysis. Raises OutputError.
+    """The model as PLY: world coordinates and unit as they are (z up once up is known), for surveying and analysis. Raises OutputError."""
+    for file, data in encode_ply(model, path).items():
+        write_whole(file, data)
+
+
+def encode_ply(model: PlanarModel, path: Path) -> dict[Path, bytes]:
+    """The files of `write_ply`, the PLY last.
 
     Each vertex has its normal, its texture coordinates (s, t; t upwards, as Blender and MeshLab read them; the image is named in a comment), and the
     average colour of its face for the programs that know no texture.
@@ -47,8 +53,7 @@ def write_ply(model: PlanarModel, path: Path) -> None:
         "property list uchar int vertex_indices",
         "end_header",
     ]
-    write_whole(path.with_name(f"{stem}.png"), png(model.atlas))
-    write_whole(path, ("\n".join(header) + "\n").encode("utf-8") + vertices.tobytes() + triangles.tobytes())
+    return {path.with_name(f"{stem}.png"): png(model.atlas), path: ("\n".join(header) + "\n").encode("ascii") + vertices.tobytes() + triangles.tobytes()}
 
 
 def average_color(face: FaceMesh, model: PlanarModel) -> UInt8[np.ndarray, "3"]:
