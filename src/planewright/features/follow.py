@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from planewright.arrays import Bool, Float, GrayImage, Int
+from planewright.arrays import Bool, Float, GrayImage, Int, UInt8
 from planewright.features.detect import DetectOptions, detect_corners
 from planewright.features.features import Features
 from planewright.features.kernels import align_patches
@@ -246,7 +246,7 @@ def _working_scale(image_size: tuple[int, int], max_pixels: float) -> float:
     return float(np.ceil(np.sqrt(image_size[0] * image_size[1] / max_pixels) - 1e-9)) if image_size[0] * image_size[1] > max_pixels else 1.0
 
 
-def _shrink(image: GrayImage, scale: float) -> GrayImage:
+def _shrink(image: GrayImage, scale: float) -> UInt8[np.ndarray, "rows columns"]:
     if scale == 1.0:
         return image
     # Whole multiples keep "working pixel + 0.5 = image pixel / scale" exact; the rest of the division is cut off at the right and bottom.

@@ -93,7 +93,7 @@ def adjust(
     for iteration in range(max_iterations):
         done = iteration + 1
         gain = 0.0
-        for _ in range(6):
+        while damping < 1e4:
             b = bundle
             reduced_system(
                 b.intrinsics, b.rotation, b.translation, b.xyz, seen.first, seen.camera, seen.xy,
@@ -107,9 +107,9 @@ def adjust(
                 fresh = cost_of(trial)
                 if fresh < cost:
                     gain = cost - fresh
-                    bundle, cost, damping = trial, fresh, max(damping / 5.0, 1e-9)
+                    bundle, cost, damping = trial, fresh, max(damping / 5.0, 1e-7)
                     break
-            damping *= 8.0
+            damping *= 10.0
         if gain <= tolerance * cost:
             break
     cost = cost_of(bundle)
