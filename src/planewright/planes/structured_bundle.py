@@ -189,6 +189,7 @@ def _scaled_problem(
     directions = np.zeros((len(roots), 3))
     np.add.at(directions, face_direction, sign[:, None] * full.normals)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    _part(directions, face_direction[constraints.angle_faces].reshape(-1, 2), constraints.angle_cosine)
     heights = sign * (full.offsets - full.normals @ middle) / diagonal
     offsets = np.bincount(face_plane, heights, len(plane_roots)) / np.maximum(np.bincount(face_plane, minlength=len(plane_roots)), 1)
     state = StructureState(directions, offsets, (full.points - middle) / diagonal)
@@ -216,6 +217,15 @@ def _scaled_problem(
         scale=scale,
     )
     return problem, state, face_plane, sign
+
+
+def _part(directions: Float[np.ndarray, "directions 3"], pairs: Int[np.ndarray, "angles 2"], cosine: Float[np.ndarray, "angles"]) -> None:
+    """Turn directions that start parallel and are to enclose an angle apart by 40 degrees, in place: the angle has no slope where it is zero."""
+    for (a, b), wanted in zip(pairs.tolist(), cosine.tolist(), strict=True):
+        if a != b and abs(directions[a] @ directions[b]) > 0.95 and wanted < 0.8:
+            side = tangent_basis(directions[a][None])[0, 0]
+            directions[b] = np.cos(np.radians(40.0)) * directions[b] + np.sin(np.radians(40.0)) * side
+            directions[b] /= np.linalg.norm(directions[b])
 
 
 def _with_planes(rows: Int[np.ndarray, "k 3"], face_plane: Int[np.ndarray, "faces"]) -> Int[np.ndarray, "k 3"]:

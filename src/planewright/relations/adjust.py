@@ -175,58 +175,65 @@ def _enlarged(estimated: EvidenceScale, options: AdjustOptions) -> EvidenceScale
 def _consolidate(
     walk: _Walk, base: StructureSolution, required: Requirements, options: AdjustOptions
 ) -> tuple[Detection | None, StructureSolution, tuple[PairTest, ...]]:
-    """Find and enforce relations; a relation that costs far more than its test promised is given up, and the search begins again without it."""
+    """Find relations, enforce them, and look again from the new solution until nothing is added.
+
+    Where enforcing costs far more than the tests promised, the step that broke the promise is given up, with all after it, and the search goes on from the
+    solution of the steps before.
+    """
     if not options.find_relations:
         return None, base, ()
+    current, kept = base, list[PairTest]()
     released: list[PairTest] = []
     while True:
+        orthogonal = [*required.orthogonal, *((test.a, test.b) for test in kept if test.kind == "orthogonal")]
         forbidden: list[Pair] = [*required.forbidden, *((test.kind, test.a, test.b) for test in released)]
-        found = detect_relations(base, options.detect, orthogonal=required.orthogonal, forbidden=forbidden)
-        final = _enforced(walk, base, required, found, found.accepted)
+        found = detect_relations(current, options.detect, orthogonal=orthogonal, forbidden=forbidden)
+        accepted = [*kept, *found.accepted]
+        if not found.accepted:
+            return replace(found, accepted=tuple(accepted)), current, tuple(released)
+        final = _enforced(walk, current, required, found, accepted)
+        if not _broken(base, final, accepted):
+            current, kept = final, accepted
+            continue
+        broken = _first_broken(walk, base, current, required, found, kept)
+        released.append(accepted[broken - 1])
+        if broken - 1 > len(kept):
+            kept = accepted[: broken - 1]
+            current = _enforced(walk, current, required, found, kept)
         if len(released) >= options.max_releases:
-            return (found, final, tuple(released)) if final.feasible else (replace(found, accepted=()), base, tuple(released))
-        culprit = _culprit(walk, base, final, required, found)
-        if culprit is None:
-            return found, final, tuple(released)
-        released.append(culprit)
+            return replace(found, accepted=tuple(kept), refused=(), ambiguous=()), current, tuple(released)
 
 
-def _enforced(walk: _Walk, base: StructureSolution, required: Requirements, found: Detection, accepted: Sequence[PairTest]) -> StructureSolution:
-    if not accepted:
-        return base
-    walk.start_from(base, found.normals, found.offsets)
+def _enforced(walk: _Walk, current: StructureSolution, required: Requirements, found: Detection, accepted: Sequence[PairTest]) -> StructureSolution:
+    """The solution with the given relations, from where the search saw the planes."""
+    walk.start_from(current, found.normals, found.offsets)
     return walk.solve(join_constraints([required.constraints, pair_constraints((test.kind, test.a, test.b) for test in accepted)]))
 
 
-def _culprit(walk: _Walk, base: StructureSolution, final: StructureSolution, required: Requirements, found: Detection) -> PairTest | None:
-    """The accepted relation that costs too much, if any.
+def _first_broken(walk: _Walk, base: StructureSolution, current: StructureSolution, required: Requirements, found: Detection, kept: Sequence[PairTest]) -> int:
+    """How many relations it takes, in the order of their acceptance, until they cost too much.
 
     True relations add about one to twice the cost for each thing they fix, plus what their as-built deviation is worth; each test has promised how much. In
-    simulation a wrong one 6 degrees off adds 800 or more. Only where the sum is broken are relations left out one by one, the dearest first.
+    simulation a wrong one 6 degrees off adds 800 or more. Constraints only add up, so the cost grows from step to step, and halving finds the place.
     """
-    tests = [test for test in found.accepted if not test.implied]
-    if not tests:
-        return None
-    rank = sum(2 if test.kind == "parallel" else 1 for test in tests)
-    promised = sum(test.plain_wald for test in tests)
-    spent = 2.0 * (final.cost - base.cost)
-    if final.feasible and spent <= max(2.0 * promised, promised + float(chi2.ppf(0.999, rank))):
-        return None
-    worst: PairTest | None = None
-    most = 0.0
-    for test in sorted(tests, key=lambda test: -test.plain_wald)[:6]:
-        at = found.accepted.index(test)
-        kept = [other for k, other in enumerate(found.accepted) if k < at or (k > at and not other.implied)]
-        without = _enforced(walk, base, required, found, kept)
-        if not without.feasible:
-            continue
-        saved = 2.0 * (final.cost - without.cost) if final.feasible else np.inf
-        excess = saved - 3.0 * test.plain_wald - float(chi2.ppf(0.999, 2))
-        if excess > most:
-            worst, most = test, excess
-    if worst is None and not final.feasible:
-        worst = tests[-1]
-    return worst
+    accepted = [*kept, *found.accepted]
+    good, bad = len(kept), len(accepted)
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if _broken(base, _enforced(walk, current, required, found, accepted[:middle]), accepted[:middle]):
+            bad = middle
+        else:
+            good = middle
+    return bad
+
+
+def _broken(base: StructureSolution, solution: StructureSolution, steps: Sequence[PairTest]) -> bool:
+    """Whether a solution with the given relations costs far more than their tests promised, or does not exist."""
+    if not solution.feasible:
+        return True
+    rank = sum(2 if test.kind == "parallel" else 1 for test in steps if not test.implied)
+    promised = sum(test.plain_wald for test in steps if not test.implied)
+    return bool(2.0 * (solution.cost - base.cost) > max(2.0 * promised, promised + float(chi2.ppf(0.999, max(rank, 1)))))
 
 
 def _scene(sketch: Sketch, final: StructureSolution) -> PlanarScene:
