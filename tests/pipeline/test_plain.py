@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import Float
 
@@ -40,6 +40,7 @@ def round_trip(value: object, kind: object) -> object:
     return from_tree(tree, arrays, kind)
 
 
+@settings(max_examples=50, deadline=None)
 @given(
     st.dictionaries(st.integers(), st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False))),
     st.none() | st.floats(allow_nan=False),

@@ -87,8 +87,8 @@ def camera_picture(cameras: Cameras, scene: PlanarScene, model: PlanarModel) -> 
         shapes.append(Shape("path", "look", d=path_d([path[k], path[k] + 26 * looks[k] / max(float(np.linalg.norm(looks[k])), 1e-9)])))
     shapes += [
         Shape("path", "way", d=path_d(path)),
-        Shape("circle", "way-start", x=float(path[0, 0]), y=float(path[0, 1]), r=5),
-        Shape("circle", "way-end", x=float(path[-1, 0]), y=float(path[-1, 1]), r=5),
+        Shape("circle", "way-start", x=float(path[0, 0]), y=float(path[0, 1]), r=5.0),
+        Shape("circle", "way-end", x=float(path[-1, 0]), y=float(path[-1, 1]), r=5.0),
     ]
     return Picture("The camera's path from above", float(max(size[0], 300.0)), float(size[1]), tuple(shapes), note="Open circle: first frame. Full: last.")
 
