@@ -11,12 +11,13 @@ from planewright.synthetic import SyntheticClip, demo_scene, object_on_turntable
 
 
 def rendered() -> list[Workload]:
-    """The shed twice (other paint, other tremor), the toy house, a turntable, and three clips that must be refused."""
+    """The shed twice (other paint, other tremor), the toy house, one with bare walls through a lens that bends lines, a turntable, and three to refuse."""
     size = (640, 360)
     return [
         Workload("demo", partial(_draw, demo_scene), quick=True),
         Workload("demo_1", partial(_draw, partial(demo_scene, seed=1)), quick=True),
         Workload("toy_house", partial(_draw, toy_house)),
+        Workload("bare_house", partial(_draw, partial(toy_house, 150, bare=True, seed=1, distortion=(-0.08, 0.02)))),
         Workload("turntable", partial(_draw, partial(object_on_turntable, 80, size))),
         Workload("still_camera", partial(_draw, partial(still_camera, 40, size)), expected_status=4, quick=True),
         Workload("rotating_camera", partial(_draw, partial(rotating_camera, 40, size)), expected_status=4, quick=True),

@@ -54,6 +54,23 @@ def test_a_polygon_covers_the_pixels_that_projection_gives_it(samples: int) -> N
     assert_allclose(centroid, true_centroid, atol=0.05)
 
 
+@pytest.mark.parametrize("distortion", [(-0.15,), (0.1, 0.05)])
+def test_a_bent_picture_shows_points_where_the_lens_puts_them(distortion: tuple[float, ...]) -> None:
+    """A small card in every corner of the image and in the middle."""
+    clip = card()
+    for x, y in ((-0.75, -0.55), (0.75, 0.5), (0.0, 0.0), (0.7, -0.5)):
+        offset = np.array([x, 0.0, y])
+        small = {k: tuple(0.12 * np.array(p) + offset) for k, p in _CORNERS.items()}
+        scene = replace(clip.scene, points=small, surfaces=face_surfaces(small, clip.scene.faces, {"card": plain(150)}, 200.0))
+        bent = replace(clip, scene=scene, intrinsics=replace(clip.intrinsics, distortion=distortion))
+        _, centroid = moments(bent.renderer.frame(0))
+        middle = np.mean(list(small.values()), axis=0)
+        expected = bent.intrinsics.project(bent.path.cam_from_world(0.0).apply(np.array([middle])))[0]
+        straight = clip.intrinsics.project(bent.path.cam_from_world(0.0).apply(np.array([middle])))[0]
+        assert_allclose(centroid, expected, atol=0.2)
+        assert (x, y) == (0.0, 0.0) or np.linalg.norm(straight - expected) > 1.0
+
+
 def test_holes_and_nearer_polygons_hide_nothing_and_everything() -> None:
     open_loop = np.array([(-0.4, -0.5, -0.4), (0.4, -0.5, -0.4), (0.4, -0.5, 0.4), (-0.4, -0.5, 0.4)])
     small = 0.25 * open_loop + np.array([0.0, -0.375, 0.0])

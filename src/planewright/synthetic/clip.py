@@ -31,7 +31,7 @@ class SyntheticClip:
         """The painted and lit scene."""
         return compile_scene(self.scene, self.options.seed)
 
-    @property
+    @cached_property
     def renderer(self) -> Renderer:
         """Draws its frames."""
         return Renderer(self.scene, self.compiled, self.path, self.intrinsics, self.options)
@@ -42,6 +42,6 @@ class SyntheticClip:
         return RenderedFrames(self.renderer, range(self.num_frames))
 
 
-def centered_camera(size: tuple[int, int], focal_in_widths: float) -> Intrinsics:
-    """A camera without distortion whose focal length is that many image widths."""
-    return Intrinsics(focal_in_widths * size[0], np.array([size[0] / 2, size[1] / 2]), size)
+def centered_camera(size: tuple[int, int], focal_in_widths: float, distortion: tuple[float, ...] = ()) -> Intrinsics:
+    """A camera whose focal length is that many image widths and whose principal point is the image's centre."""
+    return Intrinsics(focal_in_widths * size[0], np.array([size[0] / 2, size[1] / 2]), size, distortion)

@@ -65,12 +65,17 @@ def demo_scene(num_frames: int = 80, size: tuple[int, int] = (640, 360), seed: i
     return SyntheticClip("demo", scene, path, centered_camera(size, 0.83), RenderOptions(seed=seed))
 
 
-def toy_house(num_frames: int = 300, size: tuple[int, int] = (960, 540), seed: int = 0) -> SyntheticClip:
+def toy_house(
+    num_frames: int = 300, size: tuple[int, int] = (960, 540), seed: int = 0, *, bare: bool = False, distortion: tuple[float, ...] = ()
+) -> SyntheticClip:
     """A toy house on a play mat: 18 planes, 35 points.
 
     Window and door lie in the front wall (a hole; a notch whose feet stand on the wall's line), a wing at the left end has a side that stands
     6 degrees off, the roof planes meet at 84 degrees, a chimney and a dormer stand on the front slope. Things that nobody sketched stand
     before and behind it.
+
+    bare: the walls are plain plaster (tones deviate by 2 %, as much as the noise), so that little but their edges can be followed.
+    distortion: radial terms of the lens, as in `Intrinsics`.
     """
     rng = np.random.default_rng((seed, 1))
     west, east, south, north, eaves = -0.7, 2.3, -1.25, 1.15, 1.45
@@ -137,6 +142,11 @@ def toy_house(num_frames: int = 300, size: tuple[int, int] = (960, 540), seed: i
         "wing_roof": shingles((134, 96, 66), 0.2, 0.14), "stack_s": stone, "stack_e": stone, "stack_w": stone, "cap": plaster((70, 66, 62), 0.1),
         "dorm_front": boards, "dorm_left": tiles, "dorm_right": tiles,
     }  # fmt: skip
+    if bare:
+        pale, dark = plaster((206, 198, 184), 0.02), plaster((150, 144, 138), 0.02)
+        paints |= {k: pale for k in ("front", "end", "wing_front", "wing_side")} | {
+            k: dark for k in ("gable", "far_gable", "dorm_front", "stack_s", "stack_e", "stack_w")
+        }
     bush = speckled((46, 88, 32), (112, 150, 58), 0.05)
     around: list[Surface] = [
         quad((-6.0, -5.5, -0.01), (12.0, 0, 0), (0, 11.0, 0), planks((150, 108, 70), 0.5), 0.75 * density),
@@ -169,7 +179,7 @@ def toy_house(num_frames: int = 300, size: tuple[int, int] = (960, 540), seed: i
         tremor=draw_tremor(0.06, 0.8, rng),
         sweeps=max(1, round(num_frames / 450)),
     )
-    return SyntheticClip("toy_house", scene, path, centered_camera(size, 0.81), RenderOptions(seed=seed))
+    return SyntheticClip("toy_house", scene, path, centered_camera(size, 0.81, distortion), RenderOptions(seed=seed))
 
 
 def _back(start: tuple[float, float], end: tuple[float, float], height: float, paint: Painter, density: float) -> Surface:

@@ -108,10 +108,10 @@ def truth(clip: SyntheticClip) -> dict[str, object]:
         "image_size": list(camera.image_size),
         "num_frames": clip.num_frames,
         "camera": {
-            "model": "PINHOLE",
+            "model": "RADIAL" if camera.distortion else "PINHOLE",
             "focal": [camera.focal, camera.focal],
             "principal_point": [float(c) for c in camera.principal_point],
-            "distortion": [0.0, 0.0],
+            "distortion": [*camera.distortion, 0.0, 0.0][:2],
         },
         "frames": [
             {"index": k, "cam_from_world": {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}}

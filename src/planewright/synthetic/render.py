@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -154,9 +155,14 @@ class Renderer:
     intrinsics: Intrinsics
     options: RenderOptions
 
+    @cached_property
+    def lens(self) -> "_Lens":
+        """Where the straight-lined picture is drawn, and how it is bent."""
+        return _straight_view(self.intrinsics)
+
     def frame(self, number: int) -> ColorImage:
         """The frame of that number, RGB; the same bytes whenever and in whatever order it is drawn."""
-        width, height = self.intrinsics.image_size
+        width, height = self.lens.straight.image_size
         total = np.zeros((height, width, 3), np.float32)
         samples = self.options.samples
         hit = np.zeros((height, width), np.int64)
@@ -166,6 +172,7 @@ class Renderer:
             hit += sample.index >= 0
         if hit.min() < samples:
             total += (samples - hit)[..., None].astype(np.float32) * np.asarray(self.scene.background, np.float32)
+        total = self.lens.bend(total, cv2.INTER_CUBIC)
         rng = np.random.default_rng((self.options.seed, number))
         phase = 2 * np.pi * np.random.default_rng((self.options.seed, 1 << 40)).uniform()
         # Slow as auto exposure: about two and a half swings in 300 frames.
@@ -177,7 +184,8 @@ class Renderer:
 
     def surface_index(self, number: int) -> Int[np.ndarray, "height width"]:
         """Which surface of the scene the middle of every pixel shows in the middle of the exposure; -1 for none."""
-        return self._sample(float(number), (0.5, 0.5)).index
+        straight = self._sample(float(number), (0.5, 0.5)).index.astype(np.float32)
+        return self.lens.bend(straight, cv2.INTER_NEAREST).astype(np.int64)
 
     def _sample(self, time: float, place: tuple[float, float]) -> "_Sample":
         """What is nearest at one place of every pixel at one time."""
@@ -193,13 +201,40 @@ class Renderer:
         axes[..., 3] = polygons.frames[..., 3] - np.einsum("pij,pj->pi", axes[..., :3], translation)
         normal, offset = axes[:, 2, :3], axes[:, 2, 3]
         slope = -normal / np.where(np.abs(offset) < 1e-9, 1e-9, offset)[:, None]
-        focal, (cx, cy) = self.intrinsics.focal, self.intrinsics.principal_point
+        focal, (cx, cy) = self.lens.straight.focal, self.lens.straight.principal_point
         inverse_depth = np.column_stack([slope[:, 0] / focal, slope[:, 1] / focal, slope[:, 2] - slope[:, 0] * cx / focal - slope[:, 1] * cy / focal])
         camera = (float(focal), float(cx), float(cy), *place)
-        width, height = self.intrinsics.image_size
+        width, height = self.lens.straight.image_size
         index = np.full((height, width), -1, np.int64)
         kernels.rasterize(vertices, polygons.loop_start, polygons.polygon_loop, inverse_depth, camera, _NEAR, np.zeros((height, width)), index)
         return _Sample(index, np.ascontiguousarray(axes[:, :2]), inverse_depth, camera)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lens:
+    """A camera without distortion that sees all that the real one sees, and where each pixel of the real one looks in its picture."""
+
+    straight: Intrinsics
+    place: Float[np.ndarray, "height width 2"] | None
+    """For `cv2.remap`; None where the lens does not distort."""
+
+    def bend(self, image: Float[np.ndarray, "..."], interpolation: int) -> Float[np.ndarray, "..."]:
+        """The picture as the real lens shows it."""
+        if self.place is None:
+            return image
+        return np.asarray(cv2.remap(image, self.place, None, interpolation, borderMode=cv2.BORDER_REPLICATE), np.float32)  # pyright: ignore[reportCallIssue, reportArgumentType]
+
+
+def _straight_view(intrinsics: Intrinsics) -> _Lens:
+    if not intrinsics.distortion:
+        return _Lens(intrinsics, None)
+    width, height = intrinsics.image_size
+    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    straight = intrinsics.pinhole().to_pixels(intrinsics.normalize(np.column_stack([columns.ravel(), rows.ravel()])))
+    # Two pixels more than the outermost ray, for the cubic.
+    low, high = np.floor(straight.min(axis=0)) - 2, np.ceil(straight.max(axis=0)) + 2
+    wide = Intrinsics(intrinsics.focal, intrinsics.principal_point - low, (int(high[0] - low[0]), int(high[1] - low[1])))
+    return _Lens(wide, (straight - low - 0.5).reshape(height, width, 2).astype(np.float32))
 
 
 @dataclass(frozen=True, eq=False)
