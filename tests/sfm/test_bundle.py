@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from planewright.geometry.rigid import rotations_from_vectors
 from planewright.sfm.bundle import Bundle, FocalPrior, adjust, observations, robust_scale
@@ -34,7 +35,7 @@ def test_it_finds_the_optimum_that_scipy_finds():
 
     def residuals(q: np.ndarray) -> np.ndarray:
         k, cameras = q[:2], q[2 : 2 + 6 * len(start.rotation)].reshape(-1, 6)
-        rotation = rotations_from_vectors(cameras[:, :3]) @ start.rotation
+        rotation = Rotation.from_rotvec(cameras[:, :3]).as_matrix() @ start.rotation
         xyz = start.xyz + q[2 + cameras.size :].reshape(-1, 3)
         x = np.einsum("oij,oj->oi", rotation[seen.camera], xyz[seen.point]) + (start.translation + cameras[:, 3:])[seen.camera]
         uv = x[:, :2] / x[:, 2:]

@@ -85,6 +85,15 @@ def test_a_clip_that_holds_no_cameras_is_refused_by_name(tracked, kind, more, co
     assert "Film" in refused.reason or "Walk" in refused.reason
 
 
+def test_a_plane_gives_cameras_once_the_focal_is_known(tracked):
+    scene = tracked(flat=True)
+    solved = solve(scene, known=KnownCamera(focal=scene.focal, sigma=2.0))
+    assert isinstance(solved, Solved)
+    assert any("one plane" in warning for warning in solved.summary.warnings)
+    turn, _ = errors(scene, solved)
+    assert np.median(turn) < 0.1
+
+
 def test_a_nearly_affine_clip_says_that_its_focal_is_hardly_known(tracked):
     scene = tracked(away=40.0, noise=0.3, num_frames=40, num_points=200)
     solved = solve(scene)

@@ -122,8 +122,10 @@ def check_features(table: FrameTable, keyframes: Int[np.ndarray, "keyframes"], i
     return None
 
 
-def check_parallax(parallax: Parallax | None, image_size: tuple[int, int], options: GateOptions) -> tuple[Refused | None, tuple[str, ...]]:
-    """A turning camera, or a scene that is one plane; and a warning where there is little depth."""
+def check_parallax(
+    parallax: Parallax | None, image_size: tuple[int, int], options: GateOptions, *, focal_known: bool
+) -> tuple[Refused | None, tuple[str, ...]]:
+    """A turning camera, or a scene that is one plane while the focal length is not known; and a warning where there is little depth."""
     if parallax is None:
         return Refused(
             "too-few-features",
@@ -144,6 +146,8 @@ def check_parallax(parallax: Parallax | None, image_size: tuple[int, int], optio
             "rotation-only",
             "The camera only turns on the spot, and turning shows no depth. Film again while walking sideways or around the object, a step or more.",
         ), ()
+    if focal_known:
+        return None, ("All that is seen lies in one plane: the cameras rest on the focal length that was given.",)
     return Refused(
         "planar-scene",
         "All that is seen lies in one plane, from which neither the focal length nor the depth can be told. "

@@ -15,6 +15,7 @@ class FrameTable:
     track: Int[np.ndarray, "obs"]
     """Sorted within each frame."""
     xy: Float[np.ndarray, "obs 2"]
+    """As the feature table holds them (single precision): a clip of thousands of frames has millions."""
     start: Int[np.ndarray, "frames_plus_one"]
     """Row where each frame begins; the last entry is the number of rows."""
     frame: Int[np.ndarray, "frames"]
@@ -34,7 +35,7 @@ class FrameTable:
         """Tracks seen in both frames, and where."""
         rows_a, rows_b = self.rows(a), self.rows(b)
         tracks, ia, ib = np.intersect1d(self.track[rows_a], self.track[rows_b], assume_unique=True, return_indices=True)
-        return tracks, self.xy[rows_a][ia], self.xy[rows_b][ib]
+        return tracks, self.xy[rows_a][ia].astype(np.float64), self.xy[rows_b][ib].astype(np.float64)
 
 
 def frame_table(features: Features, frame_numbers: Int[np.ndarray, "frames"], *, without: Int[np.ndarray, "dropped"] | None = None) -> FrameTable:
@@ -50,7 +51,7 @@ def frame_table(features: Features, frame_numbers: Int[np.ndarray, "frames"], *,
     counts = np.bincount(index[rows], minlength=len(frame_numbers))
     return FrameTable(
         track=features.track_index[rows],
-        xy=features.xy[rows].astype(np.float64),
+        xy=features.xy[rows],
         start=np.concatenate([[0], np.cumsum(counts)]).astype(np.intp),
         frame=np.asarray(frame_numbers),
         num_tracks=features.num_tracks,

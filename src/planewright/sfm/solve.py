@@ -112,13 +112,15 @@ def _solve(
 ) -> Solved | Refused:
     unit = max(image_size) / 960.0
     table = frame_table(features, frame_numbers)
-    table = frame_table(features, frame_numbers, without=static_tracks(table))
+    static = static_tracks(table)
+    if len(static):
+        table = frame_table(features, frame_numbers, without=static)
     keyframes = _keyframes(table, unit, options)
     refused = check_features(table, keyframes, image_size, options.gates)
     if refused:
         return refused
     parallax = measure_parallax(table, keyframes, progress=progress)
-    refused, warnings = check_parallax(parallax, image_size, options.gates)
+    refused, warnings = check_parallax(parallax, image_size, options.gates, focal_known=known is not None)
     if refused or parallax is None:
         return refused or Refused("no-start", "No two keyframes share enough features.")
 
@@ -221,7 +223,9 @@ def _pose_all(
         rows = np.arange(table.start[k], table.start[k + 1])
         rows = rows[np.isfinite(xyz[table.track[rows], 0])]
         guesses = (Rigid(rotation[k], translation[k]),) if posed[k] else _between(rotation, translation, posed, k)
-        outcome = resect(growth.values, xyz[table.track[rows]], table.xy[rows], scale=scale, guesses=guesses, seed=seed, options=options.resection)
+        outcome = resect(
+            growth.values, xyz[table.track[rows]], table.xy[rows].astype(np.float64), scale=scale, guesses=guesses, seed=seed, options=options.resection
+        )
         if isinstance(outcome, Posed):
             rotation[k], translation[k], posed[k] = outcome.cam_from_world.rotation, outcome.cam_from_world.translation, True
         else:
@@ -266,18 +270,12 @@ def _result(
     options: SfmOptions,
 ) -> Solved | Refused:
     """All tracks triangulated from all posed frames, in the units and the frame that are handed out."""
-    frame_of = np.repeat(np.arange(table.num_frames), np.diff(table.start))
-    rows = np.nonzero(posed[frame_of])[0]
-    if not len(rows):
+    if not posed.any():
         return Refused("lost", "Not one frame could be posed. Film a static scene, walking around it slowly.")
-    new = np.cumsum(posed) - 1
-    seen = observations(table.track[rows], new[frame_of[rows]], table.xy[rows], table.num_tracks)
-    found = triangulate(growth.values, rotation[posed], translation[posed], seen, scale=scale)
-    good = np.nonzero(found.in_front & (found.rms < 4 * scale) & (found.angle > np.deg2rad(options.growth.min_angle_deg)) & (np.diff(seen.first) >= 3))[0]
-    if len(good) < options.resection.min_inliers:
+    track, xyz, covariance, residual = _all_points(table, growth.values, rotation, translation, posed, scale, options)
+    if len(track) < options.resection.min_inliers:
         return Refused("lost", "Hardly any point of the scene could be placed. Film a static scene, walking around it slowly.")
-    xyz, covariance = found.xyz[good], found.covariance[good]
-    sigma, median = _residuals(growth.values, rotation[posed], translation[posed], seen, found.xyz, good)
+    sigma, median = robust_scale(residual), float(np.median(np.linalg.norm(residual, axis=1)))
 
     base = int(keyframes[np.nonzero(growth.posed)[0][0]])
     world = Rigid(rotation[base], translation[base])
@@ -285,7 +283,7 @@ def _result(
     moved = Rigid(world.rotation.T, -world.rotation.T @ world.translation)
     new_rotation = np.where(posed[:, None, None], rotation @ moved.rotation, np.eye(3))
     new_translation = np.where(posed[:, None], unit * (rotation @ moved.translation + translation), 0.0)
-    points = ScenePoints(xyz=unit * world.apply(xyz), track_index=good, covariance=unit**2 * sigma**2 * (world.rotation @ covariance @ world.rotation.T))
+    points = ScenePoints(xyz=unit * world.apply(xyz), track_index=track, covariance=unit**2 * sigma**2 * (world.rotation @ covariance @ world.rotation.T))
     lower, upper = focal.interval
     estimate = float(growth.values[0])
     if upper is None or (upper - lower) / estimate > options.near_affine:
@@ -306,21 +304,46 @@ def _result(
     return Solved(cameras=cameras, points=points, summary=summary)
 
 
-def _residuals(
+def _all_points(
+    table: FrameTable,
     values: Float[np.ndarray, "5"],
-    rotation: Float[np.ndarray, "cameras 3 3"],
-    translation: Float[np.ndarray, "cameras 3"],
-    seen: Observations,
-    xyz: Float[np.ndarray, "points 3"],
-    good: Int[np.ndarray, "good"],
-) -> tuple[float, float]:
-    """Standard deviation of a coordinate by MAD, and the median length of a residual, over the points in `good`."""
-    use = np.zeros(len(xyz), bool)
-    use[good] = True
-    rows = np.nonzero(use[seen.point])[0]
-    point, camera = seen.point[rows], seen.camera[rows]
-    x = np.einsum("oij,oj->oi", rotation[camera], xyz[point]) + translation[camera]
-    uv = x[:, :2] / x[:, 2:]
-    r2 = (uv**2).sum(axis=1, keepdims=True)
-    residual = values[1:3] + values[0] * (1 + values[3] * r2 + values[4] * r2**2) * uv - seen.xy[rows]
-    return robust_scale(residual), float(np.median(np.linalg.norm(residual, axis=1)))
+    rotation: Float[np.ndarray, "frames 3 3"],
+    translation: Float[np.ndarray, "frames 3"],
+    posed: Bool[np.ndarray, "frames"],
+    scale: float,
+    options: SfmOptions,
+    rows_at_once: int = 100_000,
+) -> tuple[Int[np.ndarray, "points"], Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3 3"], Float[np.ndarray, "sampled 2"]]:
+    """Tracks that make points over all posed frames, the points, their covariances for one pixel of noise, and a sample of the residuals.
+
+    A slice of the tracks at a time, so that the memory does not grow with the clip.
+    """
+    frame_of = np.repeat(np.arange(table.num_frames, dtype=np.int32), np.diff(table.start))
+    order = np.argsort(table.track, kind="stable")
+    order = order[posed[frame_of[order]]]
+    ends = np.searchsorted(table.track[order], np.arange(table.num_tracks + 1))
+    cuts = [0]
+    while cuts[-1] < table.num_tracks:
+        cuts.append(max(int(np.searchsorted(ends, ends[cuts[-1]] + rows_at_once, side="right")) - 1, cuts[-1] + 1))
+    camera_of = np.cumsum(posed) - 1
+    every = len(order) // 200_000 + 1
+    tracks: list[Int[np.ndarray, "some"]] = []
+    points: list[Float[np.ndarray, "some 3"]] = []
+    covariances: list[Float[np.ndarray, "some 3 3"]] = []
+    residuals: list[Float[np.ndarray, "some 2"]] = []
+    for low, high in pairwise(cuts):
+        rows = order[ends[low] : ends[high]]
+        seen = observations(table.track[rows] - low, camera_of[frame_of[rows]], table.xy[rows], high - low)
+        found = triangulate(values, rotation[posed], translation[posed], seen, scale=scale)
+        wide = found.angle > np.deg2rad(options.growth.min_angle_deg)
+        good = found.in_front & (found.rms < 4 * scale) & wide & (np.diff(seen.first) >= 3)
+        tracks.append(np.nonzero(good)[0] + low)
+        points.append(found.xyz[good])
+        covariances.append(found.covariance[good])
+        sample = np.nonzero(good[seen.point])[0][::every]
+        camera = seen.camera[sample]
+        x = np.einsum("oij,oj->oi", rotation[posed][camera], found.xyz[seen.point[sample]]) + translation[posed][camera]
+        uv = x[:, :2] / x[:, 2:]
+        r2 = (uv**2).sum(axis=1, keepdims=True)
+        residuals.append(values[1:3] + values[0] * (1 + values[3] * r2 + values[4] * r2**2) * uv - seen.xy[sample])
+    return np.concatenate(tracks), np.concatenate(points), np.concatenate(covariances), np.concatenate(residuals)
