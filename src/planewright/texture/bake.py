@@ -37,9 +37,10 @@ class BakeOptions:
     """Texels around each chart that continue it, so that smaller copies of the atlas do not mix faces."""
     erosion: int = 2
     """Pixels next to an occluder or the face's outline that are not used: they mix both sides."""
-    agreement: float = 30.0
-    """Distance in RGB, grey levels, within which views support each other. Between 20 and 45 the textures of a noisy clip differ little; what counts is
-    that colours which most views share win. A median per channel kept more of the bushes before a wall, which look different from each side."""
+    agreement: float = 60.0
+    """Distance in RGB, grey levels, within which views support each other's colour. At 30 the edges of print on a filmed carton were ragged, where views
+    are off by a fraction of a texel and vote for one side or the other. A bush that hides a wall in most views stays on 3 to 5 % of the wall at any
+    value from 30 to 100, and on 5 % with a median a channel."""
 
 
 def bake_texture(frames: Frames, scene: PlanarScene, cameras: Cameras, options: BakeOptions = BakeOptions(), *, progress: Progress = silent) -> Atlas:
@@ -65,10 +66,10 @@ def bake_texture(frames: Frames, scene: PlanarScene, cameras: Cameras, options: 
     for chart in charts:
         place, inside = _place(chart, options.gutter), np.pad(masks[chart.face], options.gutter)
         if chart.face in looks:
-            color, count = looks[chart.face].fused(tone, options.agreement)
-            color, count = np.pad(color, [(options.gutter, options.gutter)] * 2 + [(0, 0)]), np.pad(count, options.gutter)
-            image[place] = fill_unseen(color, _without_rim(count, options.erosion + 1))
-            inferred[place] = inside & ~_grown(count > 0, options.erosion + 1)
+            color, count, agreed = looks[chart.face].fused(tone, options.agreement)
+            clean = np.pad(_clean(count, agreed, masks[chart.face], options.erosion), options.gutter)
+            image[place] = fill_unseen(np.pad(color, [(options.gutter, options.gutter)] * 2 + [(0, 0)]), clean)
+            inferred[place] = inside & ~_grown(np.pad(count > 0, options.gutter), options.erosion + 1)
             covered[place] = bool(count.any())
         else:
             inferred[place] = inside
@@ -119,24 +120,36 @@ class _Looks:
         self.valid[view] = valid.reshape(-1)
         self.detail[view] = _detail(color, valid)
 
-    def fused(self, tone: Float[np.ndarray, "frames 3 256"], agreement: float) -> tuple[ColorImage, Int[np.ndarray, "height width"]]:
-        """The colours, and how many views each comes from."""
+    def fused(
+        self, tone: Float[np.ndarray, "frames 3 256"], agreement: float
+    ) -> tuple[ColorImage, Int[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
+        """The colours, how many views see each texel, and their share that agrees on the colour."""
         # A blurred look loses detail; squared, half the detail counts a quarter. Compared with the upper quartile, since the maximum may be an occluder's.
         reference = float(np.quantile(self.detail, 0.75))
         sharp = np.clip(self.detail / reference, 0.1, 1.0) ** 2 if reference > 0 else np.ones(len(self.detail))
         color = np.zeros((self.valid.shape[1], 3), dtype=np.uint8)
         count = np.zeros(self.valid.shape[1], dtype=np.int64)
-        fuse_views(self.color, self.valid, self.weight * sharp, tone[self.frame], agreement, color, count)
-        return color.reshape(*self.shape, 3), count.reshape(self.shape)
+        agreed = np.zeros(self.valid.shape[1])
+        fuse_views(self.color, self.valid, self.weight * sharp, tone[self.frame], agreement, color, count, agreed)
+        return color.reshape(*self.shape, 3), count.reshape(self.shape), agreed.reshape(self.shape)
 
 
-def _without_rim(count: Int[np.ndarray, "height width"], radius: int) -> Bool[np.ndarray, "height width"]:
-    """True where enough views agree: a strip that only one or two views saw, next to what more saw, is left to be filled in from there.
+RIM = 6
+"""Texels along the border of a face in which disputed colours are not used: the corners of real things are round, and behind them the background shows."""
 
-    Such strips lie along borders, where most views were cut off by the erosion, and what is left has nobody to outvote it.
+
+def _clean(
+    count: Int[np.ndarray, "height width"], agreed: Float[np.ndarray, "height width"], inside: Bool[np.ndarray, "height width"], erosion: int
+) -> Bool[np.ndarray, "height width"]:
+    """True at the texels whose colour is used; the others are filled in from them.
+
+    Not used are strips that only one or two views saw next to what more saw: most views were cut off there by the erosion, and what is left has nobody to
+    outvote it. Nor, along the border, colours that less than half of the views share: what lies behind a border looks different from each side.
     """
-    well_seen = count >= 3
-    return (count > 0) & (well_seen | ~_grown(well_seen, radius))
+    lonely = (count < 3) & _grown(count >= 3, erosion + 1)
+    disputed = (agreed < 0.5) & _grown(np.pad(~inside, 1, constant_values=True), RIM)[1:-1, 1:-1]
+    clean = (count > 0) & ~lonely & ~disputed
+    return clean if clean.any() else count > 0
 
 
 def _detail(color: ColorImage, valid: Bool[np.ndarray, "height width"]) -> float:
