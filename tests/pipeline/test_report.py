@@ -12,42 +12,9 @@ from planewright.pipeline.result import Result
 from planewright.planes.planar_scene import PlanarScene
 from planewright.synthetic.clip import SyntheticClip
 
-ELEMENTS = frozenset(
-    [
-        "html",
-        "head",
-        "meta",
-        "title",
-        "style",
-        "body",
-        "main",
-        "header",
-        "p",
-        "h1",
-        "h2",
-        "section",
-        "div",
-        "span",
-        "b",
-        "i",
-        "ul",
-        "li",
-        "figure",
-        "svg",
-        "image",
-        "path",
-        "circle",
-        "text",
-        "figcaption",
-        "table",
-        "thead",
-        "tbody",
-        "tr",
-        "th",
-        "td",
-        "footer",
-    ]
-)
+PAGE = ("html", "head", "meta", "title", "style", "body", "main", "header", "p", "h1", "h2", "section", "div", "span", "b", "i", "ul", "li", "figure")
+PARTS = ("svg", "image", "path", "circle", "text", "figcaption", "table", "thead", "tbody", "tr", "th", "td", "footer")
+ELEMENTS = {*PAGE, *PARTS}
 
 
 class Reader(HTMLParser):
