@@ -157,12 +157,12 @@ def _check_face(face: SketchFace, marks: Mapping[PointId, Mapping[int, tuple[flo
         return
     frames = sorted({frame for corner in face.loop for frame in marks[corner]})
     seen = {frame: np.array([marks[corner][frame] for corner in face.loop if frame in marks[corner]]) for frame in frames}
-    best = max(frames, key=lambda frame: (len(seen[frame]), -frame))
+    thickness = {frame: _thickness(xy) if len(xy) >= 3 else 0.0 for frame, xy in seen.items()}
+    best = max(frames, key=lambda frame: (len(seen[frame]), thickness[frame], -frame))
     if len(seen[best]) < 3:
         sentence = f"{name} has no frame in which three of its corners are marked; its shape must come from the cameras alone. Mark more corners in one frame."
         yield Finding("warning", FindingCode.FACE_SPREAD, sentence, where)
         return
-    thickness = {frame: _thickness(xy) for frame, xy in seen.items() if len(xy) >= 3}
     if len(seen[best]) == len(face.loop) and max(thickness.values()) < _ON_A_LINE:
         sentence = f"The corners of {it} lie on a line in frame {best}; a line fixes no plane. Add a corner off the line, or delete the face."
         yield Finding("error", FindingCode.FACE_ON_A_LINE, sentence, where)

@@ -25,6 +25,11 @@ class Block:
         """Faces of the block when it is drawn in a plane, the outer one left out (Euler): edges - points + 1."""
         return len(self.links) - len(self.neighbours) + 1
 
+    @property
+    def may_be_planar(self) -> bool:
+        """False for certain when there are more than 3 x points - 6 edges (Euler)."""
+        return len(self.links) <= 3 * len(self.neighbours) - 6 or len(self.neighbours) < 3
+
 
 def canonical(cycle: Sequence[int]) -> Cycle:
     """The one way to write a cycle."""

@@ -78,6 +78,10 @@ def find_faces(sketch: Sketch, options: FindFacesOptions = FindFacesOptions()) -
     return replace(sketch, faces=(*given, *found))
 
 
+_NODES, _ROUNDS, _CANDIDATES = 50, 6, 600
+"""Bounds of the exact choice: branches, repetitions, cycles. Drawings of solids take 1, 1 to 3 and 20 to 60; tangles of random edges, for ever."""
+
+
 class _Drawing:
     """The sketch with points as row numbers."""
 
@@ -129,7 +133,7 @@ def _faces_of(block: Block, drawing: _Drawing, forbidden: set[frozenset[int]], f
     if block.num_faces == 1 and len(block.links) > options.max_corners:
         candidates = {canonical(_walk_round(block))}
     else:
-        candidates = shortest_cycles(block, options.max_corners) if len(block.links) <= options.max_links else set[Cycle]()
+        candidates = shortest_cycles(block, options.max_corners, 8 if block.may_be_planar else 1) if len(block.links) <= options.max_links else set[Cycle]()
         for marks in drawing.places.values():
             candidates |= traversed_cycles(block, marks)
     plausible = sorted(cycle for cycle in candidates if frozenset(cycle) not in forbidden and cycle not in fixed)
@@ -162,7 +166,7 @@ def _score(cycle: Cycle, block: Block, drawing: _Drawing, options: FindFacesOpti
     inside = _inside(polygon, block, marks, corners)
     middles = np.array([[(marks[a][0] + marks[b][0]) / 2, (marks[a][1] + marks[b][1]) / 2] for a, b in chords if a in marks and b in marks]).reshape(-1, 2)
     across = int(np.count_nonzero(shapely.contains_xy(polygon, middles[:, 0], middles[:, 1])))
-    whole = shapely.MultiPoint([marks[row] for row in block.neighbours if row in marks]).convex_hull.area
+    whole = float(shapely.area(shapely.convex_hull(shapely.multipoints(np.array([marks[row] for row in block.neighbours if row in marks])))))
     score -= options.inside_cost * min(inside, 4.0) + options.chord_cost * across + options.reflex_cost * _reflex(xy)
     return max(0.05, score - options.area_cost * (polygon.area / whole if whole_loop else 0.5))
 
@@ -200,17 +204,21 @@ def _reflex(xy: Float[np.ndarray, "corners 2"]) -> int:
 def _best_independent(cycles: Sequence[Cycle], scores: Float[np.ndarray, "cycles"], block: Block) -> list[Cycle]:
     """The cycles with the largest sum of scores among which every edge appears at most twice and none is the sum of others.
 
-    An integer programme; independence is added where a solution lacks it.
+    An integer programme; independence is added where a solution lacks it. Where that does not end soon, the best are taken one after the other.
     """
+    if len(cycles) > _CANDIDATES or not block.may_be_planar:
+        return _greedy(cycles, scores, block)
     column_of = {link: row for row, link in enumerate(block.links)}
     rows = np.array([column_of[link] for cycle in cycles for link in cycle_links(cycle)])
     columns = np.array([index for index, cycle in enumerate(cycles) for _ in cycle])
     uses = csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(block.links), len(cycles)))
+    limits = {"mip_rel_gap": 1e-6, "node_limit": _NODES}
     constraints = [LinearConstraint(uses, ub=2.0), LinearConstraint(np.ones((1, len(cycles))), ub=float(block.num_faces))]
-    while True:
-        solved = milp(-scores, integrality=np.ones(len(cycles)), bounds=Bounds(0, 1), constraints=constraints, options={"mip_rel_gap": 0.0})
+    chosen: list[int] = []
+    for _ in range(_ROUNDS):
+        solved = milp(-scores, integrality=np.ones(len(cycles)), bounds=Bounds(0, 1), constraints=constraints, options=limits)
         if solved.x is None:
-            return []
+            break
         chosen = [index for index, value in enumerate(solved.x) if value > 0.5]
         dependent = _dependent([cycles[index] for index in chosen])
         if not dependent:
@@ -218,6 +226,29 @@ def _best_independent(cycles: Sequence[Cycle], scores: Float[np.ndarray, "cycles
         cut = np.zeros((1, len(cycles)))
         cut[0, [chosen[index] for index in dependent]] = 1.0
         constraints.append(LinearConstraint(cut, ub=len(dependent) - 1.0))
+    return _greedy(cycles, scores, block)
+
+
+def _greedy(cycles: Sequence[Cycle], scores: Float[np.ndarray, "cycles"], block: Block) -> list[Cycle]:
+    """The best cycle, then the best that fits beside it, and so on."""
+    uses = dict.fromkeys(block.links, 0)
+    leading: dict[tuple[int, int], frozenset[tuple[int, int]]] = {}
+    taken: list[Cycle] = []
+    for index in np.argsort(-scores, kind="stable"):
+        cycle = cycles[int(index)]
+        links = frozenset(cycle_links(cycle))
+        if any(uses[link] == 2 for link in links):
+            continue
+        # Gaussian elimination over GF(2): what is left of a cycle that is the sum of others is nothing.
+        rest = links
+        while rest and (known := leading.get(max(rest))) is not None:
+            rest = rest ^ known
+        if rest:
+            leading[max(rest)] = rest
+            taken.append(cycle)
+            for link in links:
+                uses[link] += 1
+    return taken
 
 
 def _dependent(cycles: Sequence[Cycle]) -> list[int]:

@@ -134,7 +134,10 @@ class _Reader:
                 place["id"].fail(f"appears twice ({shown(identity)}). Every point has its own id")
             self.points.add(identity)
         points = tuple(self._point(place) for place in raw_points)
-        edges = tuple({frozenset(edge): edge for edge in reversed([self._edge(p) for p in document.items_of("edges", self.limits.max_edges)])}.values())[::-1]
+        edges: dict[frozenset[PointId], Edge] = {}
+        for place in document.items_of("edges", self.limits.max_edges):
+            edge = self._edge(place)
+            edges.setdefault(frozenset(edge), edge)
         raw_faces = document.items_of("faces", self.limits.max_faces)
         if raw_faces:
             self.faces = set()
@@ -146,7 +149,7 @@ class _Reader:
         return Sketch(
             points=points,
             image_size=self._optional(document, "image_size", self._image_size),
-            edges=edges,
+            edges=tuple(edges.values()),
             faces=tuple(self._face(place) for place in raw_faces),
             not_faces=tuple(self._loop(place) for place in document.items_of("not_faces", self.limits.max_relations)),
             relations=tuple(self._relation(place) for place in document.items_of("relations", self.limits.max_relations)),
