@@ -90,7 +90,7 @@ def main() -> None:
     for workload in workloads:
         results[workload.name] = measure(workload, args.output / workload.name)
         summary = {k: results[workload.name].get(k) for k in ("status", "within_2px_pct", "lk_within_2px_pct", "normal_mean_deg", "seconds")}
-        print(workload.name, json.dumps(summary), flush=True)
+        print(workload.name, json.dumps(summary), results[workload.name].get("said", ""), flush=True)
         (args.output / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
         (args.output / "table.md").write_text(table(results), encoding="utf-8")
     print(table(results))
