@@ -19,9 +19,8 @@ from planewright.relations.adjacency import Adjacency
 from planewright.relations.adjust import AdjustOptions, Structured, adjust_structure
 from planewright.relations.relation import Relation
 from planewright.sfm.cameras import Cameras, ScenePoints
-from planewright.sfm.pinhole import pinhole_sketch
 from planewright.sketch.graph import Sketch
-from planewright.tracking.edges import EdgeLine, EdgeOptions, corner_lines, edges_of_faces, measure_edges
+from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, corner_lines, edges_of_faces, measure_edges
 from planewright.tracking.visibility import owners_in_views, polygons_of
 from planewright.video.frames import Frames
 
@@ -41,10 +40,9 @@ class RefineOptions:
     faces: MultiviewOptions = field(default_factory=MultiviewOptions)
     """How faces are measured in many views."""
     edges: EdgeOptions = field(default_factory=EdgeOptions)
-    """How edges are found; search and prior are those of the rounds below."""
-    edge_prior: tuple[float, ...] = (2.0, 1.3, 1.0)
-    """Rounds with edges, after one without: how far off the ends of an edge may be besides what the corners' covariance says
-    (standard deviation, working pixels). Each end is searched three times as far as both together."""
+    """How edges are found."""
+    rounds: int = 3
+    """Rounds with edges, after one without."""
     click_sigma: float = 1.0
     """Standard deviation of a click an axis, pixels."""
     patch_sigma: float = 4.0
@@ -72,11 +70,10 @@ class _State:
     normals: Float[np.ndarray, "faces 3"]
     offsets: Float[np.ndarray, "faces"]
     face_known: Bool[np.ndarray, "faces"]
-    covariance: Float[np.ndarray, "points 3 3"]
 
 
 def _state_of(scene: PlanarScene) -> _State:
-    return _State(scene.points, scene.point_known, scene.normals, scene.offsets, scene.face_known, scene.point_covariance)
+    return _State(scene.points, scene.point_known, scene.normals, scene.offsets, scene.face_known)
 
 
 def refine_structure(
@@ -91,9 +88,8 @@ def refine_structure(
 ) -> Structure:
     """Corners, planes and relations of a sketch in a clip with known cameras.
 
-    frames: without lens distortion (`video.undistort`); sketch: with its faces, as drawn, that is on frames with it.
+    frames: without lens distortion (`video.undistort`); sketch: with its faces, its marks in the pixels of those frames.
     """
-    drawing, sketch = sketch, pinhole_sketch(sketch, cameras.intrinsics)
     marked = sorted({frame for point in sketch.points for frame in point.marks})
     views = load_views(frames, cameras, scene, marked, options.views, progress=progress)
     lifted = lift_sketch(views, sketch, scene, options.lift, rng=rng, progress=progress)
@@ -103,17 +99,17 @@ def refine_structure(
     edges = edges_of_faces(loops, [face.open for face in sketch.faces])
     drawn_set = {(min(row[a], row[b]), max(row[a], row[b])) for a, b in sketch.edges}
     drawn = {(min(a, b), max(a, b)): not drawn_set or (min(a, b), max(a, b)) in drawn_set for _, a, b in edges}
-    state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known, np.zeros((len(lifted.points), 3, 3)))
-    rounds = 1 + len(options.edge_prior)
-    progress("Refining corners and planes", 0, rounds)
+    state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known)
+    progress("Refining corners and planes", 0, 1 + options.rounds)
     structured, lines = _round(views, sketch, rays, edges, drawn, lifted, _oriented(views, sketch, state), None, options)
-    for turn, prior in enumerate(options.edge_prior):
-        progress("Refining corners and planes", turn + 1, rounds)
+    anchor = Anchor(structured.scene.points, structured.scene.point_covariance)
+    for turn in range(options.rounds):
+        progress("Refining corners and planes", 1 + turn, 1 + options.rounds)
         state = _oriented(views, sketch, _state_of(structured.scene))
-        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, state, prior, options)
-    progress("Refining corners and planes", rounds, rounds)
+        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, state, anchor, options)
+    progress("Refining corners and planes", 1 + options.rounds, 1 + options.rounds)
     notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
-    return Structure(replace(structured.scene, sketch=drawing), structured.relations, structured.adjacency, notes)
+    return Structure(structured.scene, structured.relations, structured.adjacency, notes)
 
 
 def _round(
@@ -124,13 +120,15 @@ def _round(
     drawn: dict[tuple[int, int], bool],
     lifted: Lifted,
     state: _State,
-    prior: float | None,
+    anchor: Anchor | None,
     options: RefineOptions,
 ) -> tuple[Structured, list[EdgeLine]]:
     owners = owners_in_views(views, polygons_of(sketch, state.points, _or_nan(state.normals, state.face_known), state.offsets))
     estimates = measure_faces(views, state.normals, state.offsets, state.face_known, owners, options.faces, options.lift.photometric)
-    usable = [(f, a, b) for f, a, b in edges if prior is not None and state.face_known[f] and state.known[a] and state.known[b] and drawn[min(a, b), max(a, b)]]
-    lines = measure_edges(views, usable, state.points, state.covariance, state.normals, owners, replace(options.edges, prior=prior or 1.0))
+    lines: list[EdgeLine] = []
+    if anchor is not None:
+        usable = [(f, a, b) for f, a, b in edges if state.face_known[f] and state.known[a] and state.known[b] and drawn[min(a, b), max(a, b)]]
+        lines = measure_edges(views, usable, state.points, anchor, state.normals, owners, options.edges)
     proposed = propose_incidences(sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known, options.on_plane * views.depth_per_pixel)
     evidence = Evidence(
         plane_points=plane_points(views, estimates, options.faces),

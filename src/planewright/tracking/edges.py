@@ -22,16 +22,23 @@ from planewright.tracking.kernels import edge_strip, line_scores
 class EdgeOptions:
     """How edges are searched."""
 
-    prior: float = 2.0
+    prior: float = 1.0
     """Standard deviation of the present position of an end besides what the corners' covariance says, working pixels in a view that
     sees the edge well."""
+    height_weight: float = 1.0
+    """What the logarithm of a line's height (its steepness above the strip's median, the steepest line having 1) weighs against the
+    log-likelihood of where it is: a line half as steep wins when it is nearer by 0.7 units."""
+    min_height: float = 0.15
+    """Lower maxima are no candidates."""
+    reject: float = 9.0
+    """No line is taken where the best candidate's score (log-likelihood units) is below minus this."""
     search: float = 3.0
     """An end is searched this many standard deviations to both sides."""
-    max_search: float = 30.0
+    max_search: float = 40.0
     """Never further than this, the same pixels."""
     step: float = 0.5
     """Finest spacing of the offsets, the same pixels; wide searches have at most `max_steps` to a side."""
-    max_steps: int = 24
+    max_steps: int = 54
     """Steps to a side."""
     sample_spacing: float = 2.5
     """Spacing along the edge, the same pixels."""
@@ -44,8 +51,16 @@ class EdgeOptions:
     a line beside it), so more views do not make it smaller."""
     min_contrast: float = 1.35
     """The best line must be this much steeper than the strip's median."""
-    ambiguous: float = 0.88
-    """A second maximum with this share of the best one's score, over two pixels off, makes the edge ambiguous."""
+    ambiguous: float = 0.7
+    """A second candidate over three pixels off (both ends together) and this near in score makes the edge ambiguous."""
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """Corners as clicks and planes alone give them."""
+
+    points: Float[np.ndarray, "points 3"]
+    covariance: Float[np.ndarray, "points 3 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,20 +100,22 @@ def measure_edges(
     views: Views,
     edges: Sequence[tuple[int, int, int]],
     points: Float[np.ndarray, "points 3"],
-    covariance: Float[np.ndarray, "points 3 3"],
+    anchor: Anchor,
     normals: Float[np.ndarray, "faces 3"],
     owners: Int[np.ndarray, "views height width"],
     options: EdgeOptions = EdgeOptions(),
 ) -> list[EdgeLine]:
     """Find each edge in the plane of each of its faces; edges whose strip shows no clear line are left out.
 
-    edges: (face, point, point) of faces and points that are known; covariance: of the points, says how far an end is looked for.
+    edges: (face, point, point) of faces and points that are known. points: the present corners, where the strips are cut. anchor: where
+    the corners are without any edge; it decides between parallel lines. Were it the present corners, a wrong line would draw them
+    to it, and the next round would find it nearer (a mortar joint took a wall's foot 6 px up in three rounds).
     """
     projections = views.projections.copy()
     projections[:, :2] -= 0.5 * projections[:, 2:3]
     found: list[EdgeLine] = []
     for f, a, b in edges:
-        line = _measure(views, projections, f, (min(a, b), max(a, b)), points, covariance, normals[f], owners, options)
+        line = _measure(views, projections, f, (min(a, b), max(a, b)), points, anchor, normals[f], owners, options)
         if line is not None:
             found.append(line)
     return found
@@ -110,7 +127,7 @@ def _measure(
     face: int,
     edge: tuple[int, int],
     points: Float[np.ndarray, "points 3"],
-    covariance: Float[np.ndarray, "points 3 3"],
+    anchor: Anchor,
     normal: Vec3,
     owners: Int[np.ndarray, "views height width"],
     options: EdgeOptions,
@@ -127,7 +144,7 @@ def _measure(
     usable = facing & (per_unit > 0)
     if usable.sum() < 2:
         return None
-    best = float(np.percentile(per_unit[usable], 80))
+    best = float(np.percentile(per_unit[usable], 95))
     chosen = np.nonzero(usable & (per_unit > 0.35 * best) & (per_unit < 3 * best))[0]
     if len(chosen) < 2:
         return None
@@ -135,8 +152,13 @@ def _measure(
     samples = int(np.clip(np.median(pixels_long[chosen]) / options.sample_spacing, 4, options.max_samples))
     if np.median(pixels_long[chosen]) < 8.0:
         return None
-    priors = [float(np.hypot(options.prior, np.sqrt(max(across @ covariance[c] @ across, 0.0)) / pixel)) for c in edge]
-    search = min(options.search * max(priors), options.max_search)
+    priors, middles = [], []
+    for c in edge:
+        variance, away = float(across @ anchor.covariance[c] @ across), float(across @ (anchor.points[c] - points[c]))
+        sure = np.isfinite(variance) and np.isfinite(away)
+        priors.append(float(min(np.hypot(options.prior, np.sqrt(max(variance, 0.0)) / pixel), options.max_search)) if sure else options.max_search)
+        middles.append(away / pixel if sure else 0.0)
+    search = min(max(options.search * sigma + abs(middle) for sigma, middle in zip(priors, middles, strict=True)), options.max_search)
     reach = int(np.clip(np.ceil(search / options.step), 4, options.max_steps))
     step = search / reach
     half = 2 * reach
@@ -156,7 +178,7 @@ def _measure(
     if enough.sum() < 3:
         return None
     mean = np.where(enough[:, None], strip / np.maximum(count, 1.0)[:, None], 0.0)
-    return _best_line(mean, enough, edge, face, across, pixel, reach, step, priors, options)
+    return _best_line(mean, enough, edge, face, across, pixel, reach, step, middles, priors, options)
 
 
 def _pixels_across(
@@ -189,33 +211,34 @@ def _best_line(
     pixel: float,
     reach: int,
     step: float,
+    middles: Sequence[float],
     priors: Sequence[float],
     options: EdgeOptions,
 ) -> EdgeLine | None:
     samples = len(enough)
-    scores = np.empty((2 * reach + 1, 2 * reach + 1))
+    size = 2 * reach + 1
+    scores = np.empty((size, size))
     line_scores(mean, enough, 2 * reach, scores)
     floor = float(np.median(mean[enough]))
     ends = np.arange(-reach, reach + 1) * step
-    away = 0.5 * ((ends[:, None] / priors[0]) ** 2 + (ends[None] / priors[1]) ** 2)
-    # evidence of a line: how far it stands out of the strip, in units of what a clear edge shows; the prior breaks ties
+    away = 0.5 * (((ends[:, None] - middles[0]) / priors[0]) ** 2 + ((ends[None] - middles[1]) / priors[1]) ** 2)
     height = (scores - floor) / max(float(scores.max()) - floor, 1e-9)
-    posterior = height - 0.25 * away
-    i, j = np.unravel_index(int(np.argmax(posterior)), posterior.shape)
-    i, j = int(i), int(j)
+    # candidates are the maxima that stand out; which of them is the drawn edge is first a question of where it was drawn
+    padded = np.pad(scores, 1, constant_values=np.inf)
+    around = np.max([padded[1 + a : 1 + a + size, 1 + b : 1 + b + size] for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)], axis=0)
+    peak = (scores >= around) & (scores > options.min_contrast * max(floor, 0.35)) & (height > options.min_height)
+    if not peak.any():
+        return None
+    posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) - away, -np.inf)
+    i, j = (int(v) for v in np.unravel_index(int(np.argmax(posterior)), posterior.shape))
+    if posterior[i, j] < -options.reject:
+        return None
     contrast = float(scores[i, j]) / max(floor, 0.35)
-    if contrast < options.min_contrast or height[i, j] < 0.5:
-        return None
-    if i in (0, 2 * reach) or j in (0, 2 * reach):
-        return None
     offset = (float(ends[i]) + step * _peak(scores[i - 1 : i + 2, j]), float(ends[j]) + step * _peak(scores[i, j - 1 : j + 2]))
-    far = np.abs(ends[:, None] - ends[i]) + np.abs(ends[None] - ends[j]) > 4.0
-    peaks = np.zeros_like(scores, bool)
-    inner = scores[1:-1, 1:-1]
-    peaks[1:-1, 1:-1] = (inner >= scores[:-2, 1:-1]) & (inner >= scores[2:, 1:-1]) & (inner >= scores[1:-1, :-2]) & (inner >= scores[1:-1, 2:])
-    rival = np.where(far & peaks, posterior, -np.inf)
+    far = np.abs(ends[:, None] - ends[i]) + np.abs(ends[None] - ends[j]) > 3.0
+    rival = np.where(far, posterior, -np.inf)
     k, m = (int(v) for v in np.unravel_index(int(np.argmax(rival)), rival.shape))
-    ambiguous = bool(np.isfinite(rival[k, m]) and rival[k, m] > options.ambiguous * posterior[i, j])
+    ambiguous = bool(rival[k, m] > posterior[i, j] - options.ambiguous)
     t = (np.nonzero(enough)[0] + 0.5) / samples
     middle, spread = float(t.mean()), max(float(t.var()), 1e-4)
     # standard deviation of a fitted line at its ends, relative to one seen over its whole length
