@@ -1,10 +1,16 @@
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, get_args
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from planewright.errors import SketchError
 from planewright.sketch.checks import FindingCode, check_sketch
+from planewright.sketch.faces import find_faces
 from planewright.sketch.graph import Edge, FaceId, KnownLength, PointId, RelationKind, Sketch, SketchFace, SketchPoint, SketchRelation, Stance, Up
+from planewright.sketch.read import read_sketch
 
 Draw = Callable[..., Sketch]
 Code = FindingCode
@@ -169,3 +175,57 @@ def test_hostile_ids_are_escaped() -> None:
     for finding in check_sketch(sketch_of(marks, {"f": "abcd"}), num_frames=10):
         assert "<" not in finding.sentence + finding.where
         assert "\n" not in finding.sentence + finding.where
+
+
+names = st.sampled_from("abcdefgh")
+# A coarse grid makes coincident points, lines, T-junctions, crossings and nested loops common; the far value is a slip of the mouse.
+coordinate = st.sampled_from([0.0, 100.0, 200.0, 300.0, 100.4, 1e6])
+loop = st.lists(names, min_size=3, max_size=6, unique=True)
+edge = st.lists(names, min_size=2, max_size=2, unique=True)
+document = st.fixed_dictionaries(
+    {
+        "format": st.just("planewright-sketch"),
+        "version": st.just(1),
+        "image_size": st.just([320, 240]),
+        "points": st.fixed_dictionaries(
+            {name: st.dictionaries(st.sampled_from(["0", "7", "99"]), st.tuples(coordinate, coordinate).map(list), max_size=2) for name in "abcdefgh"}
+        ).map(lambda marks: [{"id": name, "marks": where} for name, where in marks.items()]),
+        "edges": st.lists(edge, max_size=14),
+        "faces": st.lists(st.tuples(loop, st.lists(loop, max_size=1), st.booleans()), max_size=4).map(
+            lambda faces: [{"id": f"f{k}", "loop": outer, "holes": holes, "open": is_open} for k, (outer, holes, is_open) in enumerate(faces)]
+        ),
+        "relations": st.lists(
+            st.fixed_dictionaries(
+                {
+                    "kind": st.sampled_from(get_args(RelationKind)),
+                    "stance": st.sampled_from(get_args(Stance)),
+                    "faces": st.lists(st.sampled_from(["f0", "f1", "f2"]), max_size=3),
+                    "edges": st.lists(edge, max_size=2),
+                    "degrees": st.sampled_from([0.0, 45.0, 90.0]),
+                    "about": st.just("f0"),
+                }
+            ),
+            max_size=4,
+        ),
+    }
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(document)
+def test_degenerate_drawings_are_judged_in_words(drawn: dict[str, Any]) -> None:
+    try:
+        sketch = read_sketch(drawn)
+    except SketchError:
+        return
+    found = find_faces(sketch)
+    findings = check_sketch(found, image_size=(320, 240), num_frames=50)
+    assert findings == check_sketch(found, image_size=(320, 240), num_frames=50)
+    for finding in findings:
+        assert finding.sentence.endswith(".")
+        assert finding.where
+    if any(finding.severity == "error" for finding in findings):
+        return
+    marked = {point.id for point in found.points if point.marks}
+    assert found.faces
+    assert all(len(marked.intersection(face.loop)) >= 3 for face in found.faces)

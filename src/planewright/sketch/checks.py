@@ -63,7 +63,7 @@ class Finding:
 
 
 def check_sketch(sketch: Sketch, *, image_size: tuple[int, int] | None = None, num_frames: int | None = None) -> tuple[Finding, ...]:
-    """What is to be said about a sketch, errors first. Never raises.
+    """What is to be said about a sketch that the reader accepts, errors first. Raises nothing.
 
     Args:
         sketch: as read; where it has no faces, those found in its edges are looked at.
