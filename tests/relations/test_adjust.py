@@ -59,7 +59,7 @@ def check_exactness(truth: StructureTruth, result: Structured) -> None:
 @pytest.mark.parametrize("truth", [HOUSE, BOXES], ids=["house", "boxes"])
 def test_the_walk_finds_the_relations_and_holds_them_exactly(truth: StructureTruth) -> None:
     good = EvidenceNoise(tilt_deg=(0.1, 0.6), click=0.6, line=0.3, bare=0.1)
-    for seed in range(3):
+    for seed in range(2):
         result = adjusted(truth, seed, good)
         check_exactness(truth, result)
         for kind in PAIR_KINDS:
@@ -107,7 +107,7 @@ def test_the_numbering_of_faces_and_corners_does_not_matter() -> None:
 
 
 def test_what_relations_cost_is_noise() -> None:
-    costs = [adjusted(HOUSE, seed).cost_of_relations for seed in range(4)]
+    costs = [adjusted(HOUSE, seed).cost_of_relations for seed in range(3)]
     assert 5.0 < np.mean(costs) < 40.0
 
 
@@ -245,14 +245,14 @@ def test_a_face_without_evidence_leaves_the_rest_whole() -> None:
 
 def test_adjacent_faces_meet_at_their_true_angle_within_its_error() -> None:
     errors = []
-    for seed in range(4):
+    for seed in range(3):
         result = adjusted(HOUSE, 20 + seed)
         for meeting in result.adjacency:
             a, b = (HOUSE.normals[ROW[face]] for face in meeting.faces)
             truth = 180.0 - np.degrees(np.arccos(np.clip(a @ b, -1.0, 1.0)))
             if meeting.sigma_deg > 1e-6:
                 errors.append((meeting.dihedral_deg - truth) / meeting.sigma_deg)
-    assert len(errors) > 20
+    assert len(errors) > 15
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.4
 
 

@@ -231,8 +231,8 @@ def _broken(base: StructureSolution, solution: StructureSolution, steps: Sequenc
     """Whether a solution with the given relations costs far more than their tests promised, or does not exist."""
     if not solution.feasible:
         return True
-    rank = sum(2 if test.kind == "parallel" else 1 for test in steps if not test.implied)
-    promised = sum(test.plain_wald for test in steps if not test.implied)
+    rank = sum(2 if test.kind == "parallel" else 1 for test in steps)
+    promised = sum(test.plain_wald for test in steps)
     return bool(2.0 * (solution.cost - base.cost) > max(2.0 * promised, promised + float(chi2.ppf(0.999, max(rank, 1)))))
 
 

@@ -132,10 +132,12 @@ def _not_applied(
         tests.append((test, "ambiguous", f"It is {doubt}; not applied.") if unclear else (test, "released", "The views speak against it."))
     for test, state, why in tests:
         groups = final.face_plane if test.kind == "coplanar" else final.face_direction
-        between = {int(groups[test.a]), int(groups[test.b])}
-        for k, (a, b) in enumerate(pairs.tolist()):
+        ends = np.sort(groups[pairs], axis=1)
+        between = np.flatnonzero((ends == np.sort(groups[[test.a, test.b]])).all(axis=1))
+        for k in between.tolist():
+            a, b = pairs[k].tolist()
             key = (test.kind, frozenset((ids[a], ids[b])))
-            if {int(groups[a]), int(groups[b])} != between or key in taken:
+            if key in taken:
                 continue
             taken.add(key)
             angle, sigma, gap = _figures(test.kind, measured, k)
