@@ -24,6 +24,7 @@ from planewright.pipeline.report import make_report
 from planewright.pipeline.result import Result, document, to_json
 from planewright.pipeline.stages import Filmed, StageOptions, checked_sketch, find_cameras, without_distortion
 from planewright.pipeline.threads import limited_threads
+from planewright.pipeline.world import place
 from planewright.progress import Progress, silent
 from planewright.refine.rounds import Structure, refine_structure
 from planewright.sketch.graph import Sketch
@@ -126,12 +127,22 @@ class _Run:
         structure = self.finish(
             "structure", Structure, lambda: refine_structure(frames, straight, cameras, points, stages.structure, rng=rng, progress=progress)
         )
-        scene = structure.scene
+        placed = place(structure, cameras)
+        structure, cameras, scene = placed.structure, placed.cameras, placed.structure.scene
         tracks = self.finish("tracks", Tracks, lambda: follow_corners(frames, scene, cameras, stages.corners, progress=progress))
         atlas = self.finish("texture", Atlas, lambda: bake_texture(frames, scene, cameras, stages.texture, progress=progress))
-        model = build_model(scene, atlas, cameras=cameras)
+        model = build_model(scene, atlas, cameras=cameras, unit=placed.unit, world_up=placed.world_up)
 
-        warnings = (*clip.info.warnings, *looked.sentences, *sketch_notes, *filmed.notes, *filmed.solved.summary.warnings, *structure.notes)
+        warnings = (
+            *clip.info.warnings,
+            *looked.sentences,
+            *sketch_notes,
+            *filmed.notes,
+            *filmed.solved.summary.warnings,
+            *structure.notes,
+            *placed.notes,
+            *model.notes,
+        )
         # What leaves the walk speaks of the frames as displayed, and so does the sketch in it.
         structure = replace(structure, scene=replace(scene, sketch=sketch))
         result = Result(clip.info, cameras, structure, tracks, model, tuple(dict.fromkeys(warnings)))
