@@ -217,6 +217,24 @@ def test_a_relation_that_costs_far_more_than_promised_is_given_up() -> None:
     assert len(found.accepted) > 10
 
 
+def test_a_plane_measured_on_something_else_is_left_out() -> None:
+    wrong = 0
+    for seed, name in enumerate(("left", "roof_back", "wing_front", "chimney_top")):
+        rng = np.random.default_rng(40 + seed)
+        evidence, start = evidence_of(HOUSE, EvidenceNoise(bare=0.0, tilt_deg=(0.2, 0.6)), rng), start_of(HOUSE, rng)
+        points = evidence.plane_points
+        mine, axis = points.face == ROW[name], np.linalg.qr(np.column_stack([HOUSE.normals[ROW[name]], np.ones(3)]))[0][:, 1]
+        center = points.point[mine].mean(axis=0)
+        turned = points.point.copy()
+        turned[mine] += np.outer((points.point[mine] - center) @ axis, np.tan(np.radians(25.0)) * HOUSE.normals[ROW[name]])
+        result = adjust_structure(HOUSE.sketch, start, replace(evidence, plane_points=replace(points, point=turned)), HOUSE.attached)
+        wrong += result.overruled_planes != (name,)
+        assert np.degrees(np.arccos(result.scene.normals[ROW[name]] @ HOUSE.normals[ROW[name]])) < 3.0
+        honest = adjust_structure(HOUSE.sketch, start, evidence, HOUSE.attached)
+        assert not honest.overruled_planes
+    assert wrong == 0
+
+
 def test_a_face_without_evidence_leaves_the_rest_whole() -> None:
     lost = [f for f, face in enumerate(BOXES.sketch.faces) if face.id.startswith("d_")]
     corners = np.unique(BOXES.incidences[np.isin(BOXES.incidences[:, 0], lost), 1])
