@@ -25,9 +25,17 @@ class EdgeOptions:
     prior: float = 1.0
     """Standard deviation of the present position of an end besides what the corners' covariance says, working pixels in a view that
     sees the edge well."""
-    height_weight: float = 1.0
+    height_weight: float = 1.5
     """What the logarithm of a line's height (its steepness above the strip's median, the steepest line having 1) weighs against the
-    log-likelihood of where it is: a line half as steep wins when it is nearer by 0.7 units."""
+    log-likelihood of where it is: a line half as steep wins when it is nearer by one unit."""
+    region_weight: float = 10.0
+    """What parting the face's texture from what is beside it weighs, from 0 (parts nothing) to 1 (all texture on one side)."""
+    region: float = 6.0
+    """Width compared on both sides, the same pixels."""
+    carried: float = 0.6
+    """Texture whose mean difference over the views is this share of its mean size is neither the plane's nor another's."""
+    texture_floor: float = 3.0
+    """Mean size of differences (grey levels) that noise and coding reach on bare surfaces."""
     min_height: float = 0.15
     """Lower maxima are no candidates."""
     reject: float = 9.0
@@ -49,7 +57,7 @@ class EdgeOptions:
     sigma: float = 0.4
     """Standard deviation of a clear line in all, the same pixels: an edge's error is a bias common to all views (shading, rounding,
     a line beside it), so more views do not make it smaller."""
-    min_contrast: float = 1.35
+    min_contrast: float = 1.15
     """The best line must be this much steeper than the strip's median."""
     ambiguous: float = 0.7
     """A second candidate over three pixels off (both ends together) and this near in score makes the edge ambiguous."""
@@ -162,23 +170,24 @@ def _measure(
     reach = int(np.clip(np.ceil(search / options.step), 4, options.max_steps))
     step = search / reach
     half = 2 * reach
-    only = np.zeros(int(owners.max()) + 2, bool)
-    only[face] = True
-    best_strip: tuple[float, Float[np.ndarray, "s w"], Float[np.ndarray, "s"]] | None = None
+    scale = owners.shape[1] / views.images.shape[1]
+    best_strip: tuple[float, float, Float[np.ndarray, "s w"], Float[np.ndarray, "s"], Float[np.ndarray, "4 s w"]] | None = None
     for sign in (1.0, -1.0):
         # which side of the edge the face is on is found by looking: `owners` knows its polygon
-        strip, count = np.zeros((samples, 2 * half + 1)), np.zeros(samples)
-        scale = owners.shape[1] / views.images.shape[1]
-        edge_strip(views.images, chosen, projections, a, along, across, half, step * pixel, sign * 3.0 * pixel, owners, scale, only, options.limit, strip, count)
+        strip, count, texture = np.zeros((samples, 2 * half + 1)), np.zeros(samples), np.zeros((4, samples, 2 * half + 1))
+        edge_strip(
+            views.images, chosen, projections, a, along, across, half, step * pixel, sign * 3.0 * pixel, owners, scale, face, options.limit, strip, count, texture
+        )  # fmt: skip
         if best_strip is None or count.sum() > best_strip[0]:
-            best_strip = (float(count.sum()), strip, count)
+            best_strip = (float(count.sum()), sign, strip, count, texture)
     assert best_strip is not None
-    _, strip, count = best_strip
+    _, sign, strip, count, texture = best_strip
     enough = count >= max(2.0, 0.1 * count.max())
     if enough.sum() < 3:
         return None
     mean = np.where(enough[:, None], strip / np.maximum(count, 1.0)[:, None], 0.0)
-    return _best_line(mean, enough, edge, face, across, pixel, reach, step, middles, priors, options)
+    region = _region(texture / np.maximum(count, 1.0)[None, :, None], enough, sign, step, options)
+    return _best_line(mean, region, enough, edge, face, across, pixel, reach, step, middles, priors, options)
 
 
 def _pixels_across(
@@ -202,8 +211,30 @@ def _pixels_across(
     return np.where(ok, np.abs((jac * normal).sum(axis=1)), 0.0), np.where(ok, size, 0.0)
 
 
+def _region(
+    texture: Float[np.ndarray, "4 samples width"], enough: Bool[np.ndarray, "samples"], sign: float, step: float, options: EdgeOptions
+) -> Float[np.ndarray, "samples width"]:
+    """How well each place across the strip parts what the plane carries from what it does not, between -1 and 1.
+
+    Inside the face the plane carries the texture: differences of grey values are alike in all views, so their mean is as large as
+    their mean size. Outside it they cancel, unless what is there lies in the same plane. Bare places say nothing.
+    """
+    signed, size = np.abs(texture[0]) + np.abs(texture[2]), texture[1] + texture[3]
+    strength = np.maximum(size - options.texture_floor, 0.0)
+    carried = np.where(size > 0, signed / np.maximum(size, 1e-9) - options.carried, 0.0) * strength
+    width = max(1, round(options.region / step))
+    total = np.cumsum(np.pad(carried, ((0, 0), (width + 1, width)), mode="constant"), axis=1)
+    size_here = carried.shape[1]
+    after = total[:, 2 * width + 1 : 2 * width + 1 + size_here] - total[:, width + 1 : width + 1 + size_here]
+    before = total[:, width : width + size_here] - total[:, :size_here]
+    typical = float(np.abs(carried[enough]).mean()) if enough.any() else 0.0
+    weight = min(1.0, float(strength[enough].mean()) / (2.0 * options.texture_floor)) if enough.any() else 0.0
+    return sign * (after - before) / max(2 * width * typical, 1e-9) * weight
+
+
 def _best_line(
     mean: Float[np.ndarray, "samples width"],
+    region: Float[np.ndarray, "samples width"],
     enough: Bool[np.ndarray, "samples"],
     edge: tuple[int, int],
     face: int,
@@ -229,7 +260,9 @@ def _best_line(
     peak = (scores >= around) & (scores > options.min_contrast * max(floor, 0.35)) & (height > options.min_height)
     if not peak.any():
         return None
-    posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) - away, -np.inf)
+    parts = np.empty((size, size))
+    line_scores(region, enough, 2 * reach, parts)
+    posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) + options.region_weight * (parts - parts.max()) - away, -np.inf)
     i, j = (int(v) for v in np.unravel_index(int(np.argmax(posterior)), posterior.shape))
     if posterior[i, j] < -options.reject:
         return None

@@ -19,21 +19,25 @@ def _sample(image, x, y):
 
 
 @njit(cache=True)
-def edge_strip(images, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, allowed, limit, strip, count):
-    """Steepness across an edge, averaged over views in the edge's own plane.
+def edge_strip(images, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, face, limit, strip, count, texture):
+    """Steepness across an edge, and what its plane carries from view to view, both averaged in the edge's own plane.
 
     images (V, h, w) uint8; chosen (C,) views; projections (V, 3, 4) to array coordinates; start (3,) first corner, along (3,) to the
     second, across (3,) unit vector of the plane at right angles to the edge; offsets are (j - half) * step along `across`.
-    inside: offset (world units, signed) at which a point just inside the face is looked up in owners (V, h2, w2); its face must
-    be `allowed` (F,) bool. limit: a difference d of grey values over two steps counts as d / (1 + d / limit): monotonic, so a sharp edge keeps one peak.
-    Adds to strip (S, 2 half + 1) and count (S,).
+    inside: offset (world units, signed) at which a point just inside the face is looked up in owners (V, h2, w2), which must name
+    `face` there. limit: a difference d of grey values over two steps counts as d / (1 + d / limit): monotonic, so a sharp edge keeps
+    one peak.
+    Adds to strip (S, 2 half + 1), count (S,) and texture (4, S, 2 half + 1): sums over views of the differences along the edge, of their
+    absolute values, and the same of those across it.
     """
     samples, width = strip.shape
-    profile = np.empty(width + 2)
+    rows = np.empty((samples, width + 2))
+    there = np.empty(samples, np.bool_)
     for c in range(chosen.shape[0]):
         v = chosen[c]
         image, p = images[v], projections[v]
         for s in range(samples):
+            there[s] = False
             t = (s + 0.5) / samples
             x0 = start[0] + t * along[0]
             y0 = start[1] + t * along[1]
@@ -47,28 +51,35 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
             q = int(((p[1, 0] * xi + p[1, 1] * yi + p[1, 2] * zi + p[1, 3]) / w + 0.5) * owner_scale)
             if u < 0 or q < 0 or q >= owners.shape[1] or u >= owners.shape[2]:
                 continue
-            owner = owners[v, q, u]
-            if owner < 0 or not allowed[owner]:
+            if owners[v, q, u] != face:
                 continue
-            good = True
+            there[s] = True
             for j in range(width + 2):
                 d = (j - 1 - half) * step
                 x, y, z = x0 + d * across[0], y0 + d * across[1], z0 + d * across[2]
                 w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
-                if w <= 1e-9:
-                    good = False
-                    break
-                value = _sample(image, (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w, (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w)
+                value = -1.0
+                if w > 1e-9:
+                    value = _sample(image, (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w, (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w)
                 if value < 0.0:
-                    good = False
+                    there[s] = False
                     break
-                profile[j] = value
-            if not good:
+                rows[s, j] = value
+        for s in range(samples):
+            if not there[s]:
                 continue
             count[s] += 1
+            beside = s + 1 < samples and there[s + 1]
             for j in range(width):
-                steep = abs(profile[j + 2] - profile[j])
+                slope = rows[s, j + 2] - rows[s, j]
+                steep = abs(slope)
                 strip[s, j] += steep / (1.0 + steep / limit)
+                texture[2, s, j] += slope
+                texture[3, s, j] += steep
+                if beside:
+                    slope = rows[s + 1, j + 1] - rows[s, j + 1]
+                    texture[0, s, j] += slope
+                    texture[1, s, j] += abs(slope)
 
 
 @njit(cache=True)
