@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewright.model.build import build_model
+from planewright.model.build import average_up, build_model
 from planewright.model.planar_model import FaceMesh
+from planewright.synthetic.houses import demo_scene
+from planewright.synthetic.observe import true_cameras
 
 SQUARE = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)]
 HOLE = [(0.6, 0.3), (0.4, 1.0), (1.2, 1.1)]
@@ -89,3 +91,17 @@ def test_what_cannot_be_built_is_left_out_with_a_note_and_never_fails(build) -> 
     assert all(np.isfinite(face.vertices).all() for face in model.faces)
     face_known = np.zeros(6, dtype=bool)
     assert build_model(replace(scene, face_known=face_known), atlas).faces == ()
+
+
+def test_up_is_up_however_far_the_camera_looked_down() -> None:
+    cameras = true_cameras(demo_scene(40))
+    looked_down = np.degrees(np.arcsin(-cameras.rotation[:, 2, 2])).mean()
+    assert looked_down > 10
+    assert np.degrees(np.arccos(average_up(cameras)[2])) < 2
+
+
+def test_where_the_camera_hardly_turned_up_is_the_images_own() -> None:
+    cameras = true_cameras(demo_scene(40))
+    first = replace(cameras, rotation=np.repeat(cameras.rotation[:1], len(cameras.rotation), axis=0))
+    assert_allclose(average_up(first), -first.rotation[0, 1], atol=1e-9)
+    assert_allclose(average_up(replace(first, posed=np.zeros_like(first.posed))), [0, -1, 0])

@@ -51,10 +51,20 @@ def build_model(scene: PlanarScene, atlas: Atlas, *, cameras: Cameras | None = N
 
 
 def average_up(cameras: Cameras) -> Vec3:
-    """Upwards as the cameras were held on average: the image's up direction in the world."""
-    up = -cameras.rotation[cameras.posed, 1].sum(axis=0)
-    length = float(np.linalg.norm(up))
-    return up / length if length > 1e-9 else np.array([0.0, -1.0, 0.0])
+    """Upwards as the cameras were held: the direction at right angles to the rows of all images, since people hold cameras level.
+
+    The average of the images' own up directions is off by as much as the camera looked down; the rows are not. Where the camera hardly turned, the
+    rows leave a direction open, and the average decides it.
+    """
+    rows, average = cameras.rotation[cameras.posed, 0], -cameras.rotation[cameras.posed, 1].sum(axis=0)
+    length = float(np.linalg.norm(average))
+    if length < 1e-9:
+        return np.array([0.0, -1.0, 0.0])
+    average /= length
+    # One part in a hundred: as much as the rows of a camera that turned by 6 degrees (standard deviation) have to say.
+    spread = rows.T @ rows / len(rows) + 0.01 * (np.eye(3) - np.outer(average, average))
+    up = np.linalg.eigh(spread)[1][:, 0]
+    return up if up @ average > 0 else -up
 
 
 def triangulate(loops: Sequence[Float[np.ndarray, "... 3"]], chart: FaceChart, normal: Vec3) -> tuple[Int[np.ndarray, "triangles 3"], bool]:
