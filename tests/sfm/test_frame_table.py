@@ -25,9 +25,9 @@ def test_frames_that_do_not_take_part_are_left_out(tracked):
 
 def test_keyframes_are_bounded_in_number_and_hold_both_ends(tracked):
     table = frame_table(tracked().features, np.arange(60))
-    many = select_keyframes(table, motion=14.0, min_shared=0.5, max_keyframes=40)
-    few = select_keyframes(table, motion=14.0, min_shared=0.5, max_keyframes=5)
-    assert len(few) <= 5 < len(many)
+    many = select_keyframes(table, motion=14.0, min_shared=0.5, min_keyframes=20, max_keyframes=40)
+    few = select_keyframes(table, motion=14.0, min_shared=0.5, min_keyframes=2, max_keyframes=5)
+    assert len(few) <= 5 and 20 <= len(many) <= 40
     for keyframes in (many, few):
         assert keyframes[0] == 0 and keyframes[-1] == 59
         assert (np.diff(keyframes) > 0).all()

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -45,6 +45,10 @@ class FollowOptions:
     """Of the registration."""
     min_length: int = 3
     """Frames; shorter tracks are dropped."""
+    max_observations: float = 6e5
+    """In a clip of more than about 850 frames fewer corners are followed at a time, so that the table stays near this size (10 MB)."""
+    min_corners: int = 250
+    """But never fewer than this."""
     detect_every: int = 3
     """Frames between looks for new corners."""
 
@@ -60,6 +64,8 @@ def follow_features(frames: Frames, options: FollowOptions = FollowOptions(), *,
     way to follow an object that moves before a still background.
     """
     numbers = [int(n) for n in frames.numbers]
+    affordable = max(int(options.max_observations / max(len(numbers), 1)), options.min_corners)
+    options = replace(options, detect=replace(options.detect, max_corners=min(options.detect.max_corners, affordable)))
     scale = _working_scale(frames.image_size, options.max_pixels)
     log = _Log(options.min_length)
     if not regions:

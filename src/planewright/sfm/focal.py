@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.special
 
 from planewright.arrays import Float, Int
 from planewright.geometry.rigid import rotations_from_vectors
@@ -47,6 +48,8 @@ class _Spread:
     independent: float
     inflation: float
     residual: float
+    quantile: float
+    """Of 95 %, in standard deviations: Student's, since few clusters tell their own spread badly."""
 
 
 def focal_uncertainty(
@@ -69,11 +72,11 @@ def focal_uncertainty(
     centre = _centre_variance(best.bundle, best.cost, seen, scale, radial_terms, spread, image_size, prior, options)
     variance = spread.independent * spread.inflation + centre
     sigma, focal = float(np.sqrt(variance)), float(best.bundle.intrinsics[0])
-    allowed = 0.5 * 3.84 * spread.residual * variance / spread.independent
+    allowed = 0.5 * spread.quantile**2 * spread.residual * variance / spread.independent
 
     def end(direction: float) -> float | None:
         reached, held, rise = 0.0, best.bundle, 0.0
-        step = float(np.clip(1.96 * sigma, 1e-4, 0.35))
+        step = float(np.clip(spread.quantile * sigma, 1e-4, 0.35))
         span = options.max_ratio * max(image_size) / focal if direction > 0 else focal / (0.1 * max(image_size))
         farthest = max(float(np.log(span)), step)
         while reached < farthest:
@@ -166,14 +169,15 @@ def _spread(
     birth = seen.xy[seen.first[:-1]] / image_size * options.place_cells
     cell = np.clip(birth[:, 0].astype(np.intp), 0, columns - 1) * rows + np.clip(birth[:, 1].astype(np.intp), 0, rows - 1)
     stretch = seen.camera * min(options.stretches, len(b.rotation)) // len(b.rotation)
-    clustered = max(_clustered(pulls, clusters) for clusters in (point, cell[point], stretch))
-    return _Spread(independent=independent, inflation=max(clustered / independent, 1.0), residual=variance)
+    clustered, clusters = max(_clustered(pulls, of) for of in (point, cell[point], stretch))
+    quantile = float(scipy.special.stdtrit(max(clusters - 1, 1), 0.975))
+    return _Spread(independent=independent, inflation=max(clustered / independent, 1.0), residual=variance, quantile=quantile)
 
 
-def _clustered(pulls: Float[np.ndarray, "obs"], clusters: Int[np.ndarray, "obs"]) -> float:
-    """Variance of the sum of pulls when only different clusters are independent."""
+def _clustered(pulls: Float[np.ndarray, "obs"], clusters: Int[np.ndarray, "obs"]) -> tuple[float, int]:
+    """Variance of the sum of pulls when only different clusters are independent, and how many clusters there are."""
     present = int((np.bincount(clusters) > 0).sum())
-    return float((np.bincount(clusters, pulls) ** 2).sum()) * present / max(present - 1, 1)
+    return float((np.bincount(clusters, pulls) ** 2).sum()) * present / max(present - 1, 1), present
 
 
 def _gauge_fixed(b: Bundle, radial_terms: int) -> Int[np.ndarray, "unknowns"]:

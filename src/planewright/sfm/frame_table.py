@@ -77,24 +77,35 @@ def static_tracks(table: FrameTable, *, still: float = 1.0, moved: float = 10.0)
     return np.nonzero(seen & (extent < still) & (last - first > moved))[0]
 
 
-def select_keyframes(table: FrameTable, *, motion: float, min_shared: float, max_keyframes: int) -> Int[np.ndarray, "keyframes"]:
+def select_keyframes(
+    table: FrameTable, *, motion: float, min_shared: float, min_keyframes: int, max_keyframes: int, min_features: int = 12
+) -> Int[np.ndarray, "keyframes"]:
     """Indices of frames between which the median feature moved more than `motion` pixels or fewer than `min_shared` of the features lived on.
 
-    Where that gives more than `max_keyframes`, both thresholds are widened together until it does not. Frames with hardly any features (a hand before
-    the lens, a flash) are passed over.
+    Both thresholds are tightened together until there are `min_keyframes` (short tracks are seen in three keyframes only if these are close), and widened
+    until there are no more than `max_keyframes`. Frames with fewer than `min_features` (a hand before the lens) are passed over.
     """
-    counts = np.diff(table.start)
-    usable = np.nonzero(counts >= max(0.1 * np.median(counts), 8))[0].tolist()
-    while True:
-        keyframes = usable[:1]
-        for k in usable[1:]:
-            _, a, b = table.shared(keyframes[-1], k)
-            held = table.rows(keyframes[-1])
-            count = held.stop - held.start
-            if len(a) < min_shared * count or (len(a) and np.median(np.linalg.norm(b - a, axis=1)) > motion):
-                keyframes.append(k)
-        if usable and keyframes[-1] != usable[-1]:
-            keyframes.append(usable[-1])
-        if len(keyframes) <= max(max_keyframes, 2):
-            return np.array(keyframes, np.intp)
-        motion, min_shared = motion * 1.25, min_shared * 0.93 if min_shared > 0.01 else 0.0
+    usable = np.nonzero(np.diff(table.start) >= min_features)[0].tolist()
+    for _ in range(6):
+        keyframes = _spaced(table, usable, motion, min_shared)
+        if len(keyframes) >= min_keyframes:
+            break
+        motion, min_shared = motion / 1.25, 1 - (1 - min_shared) / 1.2
+    keyframes = _spaced(table, usable, motion, min_shared)
+    while len(keyframes) > max(max_keyframes, 2):
+        motion, min_shared = motion * 1.15, min_shared * 0.95 if min_shared > 0.01 else 0.0
+        keyframes = _spaced(table, usable, motion, min_shared)
+    return np.array(keyframes, np.intp)
+
+
+def _spaced(table: FrameTable, usable: list[int], motion: float, min_shared: float) -> list[int]:
+    """First and last usable frame, and between them each that is far enough from the one before."""
+    keyframes = usable[:1]
+    for k in usable[1:]:
+        _, a, b = table.shared(keyframes[-1], k)
+        held = int(table.start[keyframes[-1] + 1] - table.start[keyframes[-1]])
+        if len(a) < min_shared * held or (len(a) and np.median(np.linalg.norm(b - a, axis=1)) > motion):
+            keyframes.append(k)
+    if usable and keyframes[-1] != usable[-1]:
+        keyframes.append(usable[-1])
+    return keyframes

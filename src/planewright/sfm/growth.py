@@ -23,8 +23,9 @@ class GrowthOptions:
     """Cauchy scale in pixels (at 960 wide) until the residuals tell."""
     scale_sigmas: float = 2.4
     """Cauchy scale afterwards, in standard deviations by MAD: 2 to 2.5 was best on rendered clips; real residuals are twice as large, so it is not fixed."""
-    min_angle_deg: float = 1.0
-    """Between two rays of a point that helps to pose the next keyframe."""
+    min_angle_deg: float = 0.25
+    """Between two rays of a point that helps to pose the next keyframe. Depths are then known to a few percent, which is enough to pose by; with one
+    degree a forward motion keeps a tenth of its points and loses its way."""
     max_points: int = 800
     """Longest tracks used in the adjustments along the way."""
     resection: ResectionOptions = field(default_factory=ResectionOptions)

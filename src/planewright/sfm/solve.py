@@ -1,5 +1,6 @@
 """Cameras first: from followed features to the focal length, every frame's pose, and a cloud of points."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -30,6 +31,8 @@ class SfmOptions:
     """Median travel between keyframes, pixels at 960 wide."""
     keyframe_shared: float = 0.5
     """Share of the features that two keyframes in a row must have in common."""
+    min_keyframes_in_all: int = 24
+    """Aimed at by closer spacing."""
     max_keyframes: int = 40
     """12 to 65 keyframes gave the same accuracy, and the time grows with their square."""
     max_keyframes_long: int = 80
@@ -38,6 +41,8 @@ class SfmOptions:
     """Longest tracks in the last adjustment; 300 lose a third of the accuracy."""
     min_angle_deg: float = 2.0
     """Between two rays of a point in the last adjustment."""
+    output_angle_deg: float = 1.0
+    """Between two rays of a point that is handed out."""
     min_keyframes: int = 3
     """In which such a point must be seen."""
     independent: float = 10.0
@@ -142,11 +147,12 @@ def _solve(
 
 
 def _keyframes(table: FrameTable, unit: float, options: SfmOptions) -> Int[np.ndarray, "keyframes"]:
-    keyframes = select_keyframes(table, motion=options.keyframe_motion * unit, min_shared=options.keyframe_shared, max_keyframes=options.max_keyframes)
+    wanted, motion, shared = options.min_keyframes_in_all, options.keyframe_motion * unit, options.keyframe_shared
+    keyframes = select_keyframes(table, motion=motion, min_shared=shared, min_keyframes=wanted, max_keyframes=options.max_keyframes)
     pairs = pairwise(keyframes)
     thin = any(len(table.shared(int(a), int(b))[0]) < 0.25 * (table.start[a + 1] - table.start[a]) for a, b in pairs)
     if thin and len(keyframes) >= options.max_keyframes // 2:
-        return select_keyframes(table, motion=options.keyframe_motion * unit, min_shared=options.keyframe_shared, max_keyframes=options.max_keyframes_long)
+        return select_keyframes(table, motion=motion, min_shared=shared, min_keyframes=wanted, max_keyframes=options.max_keyframes_long)
     return keyframes
 
 
@@ -219,17 +225,27 @@ def _pose_all(
     posed = np.zeros(table.num_frames, bool)
     at = keyframes[growth.posed]
     rotation[at], translation[at], posed[at] = growth.rotation[growth.posed], growth.translation[growth.posed], True
-    for k in steps(range(table.num_frames), "Posing frames", progress):
-        rows = np.arange(table.start[k], table.start[k + 1])
-        rows = rows[np.isfinite(xyz[table.track[rows], 0])]
-        guesses = (Rigid(rotation[k], translation[k]),) if posed[k] else _between(rotation, translation, posed, k)
-        outcome = resect(
-            growth.values, xyz[table.track[rows]], table.xy[rows].astype(np.float64), scale=scale, guesses=guesses, seed=seed, options=options.resection
-        )
-        if isinstance(outcome, Posed):
-            rotation[k], translation[k], posed[k] = outcome.cam_from_world.rotation, outcome.cam_from_world.translation, True
-        else:
-            rotation[k], translation[k], posed[k] = np.eye(3), np.zeros(3), False
+
+    def pose(frames: Sequence[int], places: Float[np.ndarray, "tracks 3"]) -> None:
+        for k in steps(frames, "Posing frames", progress):
+            rows = np.arange(int(table.start[k]), int(table.start[k + 1]))
+            rows = rows[np.isfinite(places[table.track[rows], 0])]
+            guesses = (Rigid(rotation[k], translation[k]),) if posed[k] else _between(rotation, translation, posed, k)
+            points, xy = places[table.track[rows]], table.xy[rows].astype(np.float64)
+            outcome = resect(growth.values, points, xy, scale=scale, guesses=guesses, seed=seed, options=options.resection)
+            if isinstance(outcome, Posed):
+                rotation[k], translation[k], posed[k] = outcome.cam_from_world.rotation, outcome.cam_from_world.translation, True
+            else:
+                rotation[k], translation[k], posed[k] = np.eye(3), np.zeros(3), False
+
+    pose(range(table.num_frames), xyz)
+    missed = np.nonzero(~posed)[0].tolist()
+    if missed and posed.any():
+        # Tracks that lie between two keyframes have points now that the frames around have poses.
+        track, found_xyz, _, _ = _all_points(table, growth.values, rotation, translation, posed, scale, options.growth.min_angle_deg)
+        more = np.full_like(xyz, np.nan)
+        more[track] = found_xyz
+        pose(missed, np.where(np.isfinite(xyz), xyz, more))
     return rotation, translation, posed
 
 
@@ -272,7 +288,7 @@ def _result(
     """All tracks triangulated from all posed frames, in the units and the frame that are handed out."""
     if not posed.any():
         return Refused("lost", "Not one frame could be posed. Film a static scene, walking around it slowly.")
-    track, xyz, covariance, residual = _all_points(table, growth.values, rotation, translation, posed, scale, options)
+    track, xyz, covariance, residual = _all_points(table, growth.values, rotation, translation, posed, scale, options.output_angle_deg)
     if len(track) < options.resection.min_inliers:
         return Refused("lost", "Hardly any point of the scene could be placed. Film a static scene, walking around it slowly.")
     sigma, median = robust_scale(residual), float(np.median(np.linalg.norm(residual, axis=1)))
@@ -311,7 +327,7 @@ def _all_points(
     translation: Float[np.ndarray, "frames 3"],
     posed: Bool[np.ndarray, "frames"],
     scale: float,
-    options: SfmOptions,
+    min_angle_deg: float,
     rows_at_once: int = 100_000,
 ) -> tuple[Int[np.ndarray, "points"], Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3 3"], Float[np.ndarray, "sampled 2"]]:
     """Tracks that make points over all posed frames, the points, their covariances for one pixel of noise, and a sample of the residuals.
@@ -335,7 +351,7 @@ def _all_points(
         rows = order[ends[low] : ends[high]]
         seen = observations(table.track[rows] - low, camera_of[frame_of[rows]], table.xy[rows], high - low)
         found = triangulate(values, rotation[posed], translation[posed], seen, scale=scale)
-        wide = found.angle > np.deg2rad(options.growth.min_angle_deg)
+        wide = found.angle > np.deg2rad(min_angle_deg)
         good = found.in_front & (found.rms < 4 * scale) & wide & (np.diff(seen.first) >= 3)
         tracks.append(np.nonzero(good)[0] + low)
         points.append(found.xyz[good])
