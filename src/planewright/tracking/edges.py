@@ -22,14 +22,17 @@ from planewright.tracking.kernels import edge_strip, line_scores
 class EdgeOptions:
     """How edges are searched."""
 
-    prior: float = 1.0
+    prior: float = 0.6
     """Standard deviation of the present position of an end besides what the corners' covariance says, working pixels in a view that
     sees the edge well."""
-    height_weight: float = 1.5
+    height_weight: float = 1.0
     """What the logarithm of a line's height (its steepness above the strip's median, the steepest line having 1) weighs against the
-    log-likelihood of where it is: a line half as steep wins when it is nearer by one unit."""
-    region_weight: float = 10.0
+    log-likelihood of where it is: a line half as steep wins when it is nearer by 0.7 units."""
+    region_weight: float = 8.0
     """What parting the face's texture from what is beside it weighs, from 0 (parts nothing) to 1 (all texture on one side)."""
+    region_sigma: float = 4.0
+    """How well that locates an edge by itself, the same pixels: it counts for little where the corners are known better, since
+    what is beside an edge near its plane (the ground at a wall's foot) is carried by the plane for some pixels too."""
     region: float = 6.0
     """Width compared on both sides, the same pixels."""
     carried: float = 0.6
@@ -260,9 +263,10 @@ def _best_line(
     peak = (scores >= around) & (scores > options.min_contrast * max(floor, 0.35)) & (height > options.min_height)
     if not peak.any():
         return None
+    weight = options.region_weight * (1.0 - float(np.exp(-((max(priors) / options.region_sigma) ** 2))))
     parts = np.empty((size, size))
     line_scores(region, enough, 2 * reach, parts)
-    posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) + options.region_weight * (parts - parts.max()) - away, -np.inf)
+    posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) + weight * (parts - parts.max()) - away, -np.inf)
     i, j = (int(v) for v in np.unravel_index(int(np.argmax(posterior)), posterior.shape))
     if posterior[i, j] < -options.reject:
         return None
