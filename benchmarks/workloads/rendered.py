@@ -11,11 +11,14 @@ from planewright.synthetic import SyntheticClip, demo_scene, object_on_turntable
 
 
 def rendered() -> list[Workload]:
-    """The shed twice (other paint, other tremor), the toy house, one with bare walls through a lens that bends lines, a turntable, and three to refuse."""
+    """The shed twice (other paint, other tremor) and without drawn faces, the toy house, one with bare walls through a lens that bends lines,
+    a turntable, and three that must be refused.
+    """
     size = (640, 360)
     return [
         Workload("demo", partial(_draw, demo_scene), quick=True),
         Workload("demo_1", partial(_draw, partial(demo_scene, seed=1)), quick=True),
+        Workload("demo_edges", partial(_draw, demo_scene, with_faces=False), quick=True),
         Workload("toy_house", partial(_draw, toy_house)),
         Workload("bare_house", partial(_draw, partial(toy_house, 150, bare=True, seed=1, distortion=(-0.08, 0.02)))),
         Workload("turntable", partial(_draw, partial(object_on_turntable, 80, size))),
@@ -25,22 +28,22 @@ def rendered() -> list[Workload]:
     ]
 
 
-def _draw(make: Callable[[], SyntheticClip], folder: Path) -> ClipFiles:
+def _draw(make: Callable[[], SyntheticClip], folder: Path, with_faces: bool = True) -> ClipFiles:
     """Draw the clip unless the same code has drawn it here before."""
-    stamp, print_now = folder / "drawn_by.txt", _fingerprint(make)
+    stamp, print_now = folder / "drawn_by.txt", _fingerprint(make, with_faces)
     files = (folder / "clip.mp4", folder / "sketch.json", folder / "truth.json")
     if not (stamp.exists() and stamp.read_text(encoding="utf-8") == print_now and all(f.exists() for f in files)):
         stamp.unlink(missing_ok=True)
-        files = write_clip(make(), folder)
+        files = write_clip(make(), folder, with_faces)
         stamp.write_text(print_now, encoding="utf-8")
     return ClipFiles(files[0], files[1], (files[2],))
 
 
-def _fingerprint(make: Callable[[], SyntheticClip]) -> str:
+def _fingerprint(make: Callable[[], SyntheticClip], with_faces: bool) -> str:
     """Of the code that draws, and what it is asked to draw."""
     digest = hashlib.sha256()
     for file in sorted(Path(planewright.synthetic.__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())
     words = make if isinstance(make, partial) else partial(make)
-    digest.update(repr((words.func.__name__, words.args, sorted(words.keywords.items()))).encode())
+    digest.update(repr((words.func.__name__, words.args, sorted(words.keywords.items()), with_faces)).encode())
     return digest.hexdigest()

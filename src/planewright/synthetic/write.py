@@ -55,12 +55,12 @@ def sketch_json(sketch: Sketch) -> dict[str, object]:
     return content
 
 
-def write_clip(clip: SyntheticClip, folder: Path, *, progress: Progress = silent) -> tuple[Path, Path, Path]:
-    """`clip.mp4`, `sketch.json` and `truth.json` in a folder that is made when missing; returns their paths."""
+def write_clip(clip: SyntheticClip, folder: Path, with_faces: bool = True, *, progress: Progress = silent) -> tuple[Path, Path, Path]:
+    """`clip.mp4`, `sketch.json` and `truth.json` in a folder that is made when missing; returns their paths. Without faces the sketch has edges only."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         video, drawing, known = folder / "clip.mp4", folder / "sketch.json", folder / "truth.json"
-        sketch = draw(clip, np.random.default_rng((clip.options.seed, 2)))
+        sketch = draw(clip, np.random.default_rng((clip.options.seed, 2)), with_faces=with_faces)
         drawing.write_text(json.dumps(sketch_json(sketch), indent=1), encoding="utf-8")
         known.write_text(json.dumps(truth(clip)), encoding="utf-8")
     except OSError as error:
