@@ -20,7 +20,7 @@ def compare(baseline: dict[str, dict[str, Any]], now: dict[str, dict[str, Any]])
     better: list[str] = []
     for name in now:
         for key, old in baseline.get(name, {}).items():
-            metric, before, after = BY_KEY[key], number(old), number(now[name].get(key))
+            metric, before, after = BY_KEY[key], number(old), rounded(number(now[name].get(key)))
             if before is None:
                 continue
             line = f"{name:16} {key:24} {before:12.5g} -> {'none' if after is None else f'{after:.5g}'} {metric.unit}"
@@ -36,9 +36,14 @@ def trimmed(results: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """The figures that a baseline keeps: those that are metrics, to five digits."""
     kept: dict[str, dict[str, Any]] = {}
     for name, figures in results.items():
-        values = {m.key: number(figures.get(m.key)) for m in METRICS}
-        kept[name] = {key: float(f"{value:.5g}") for key, value in values.items() if value is not None}
+        values = {m.key: rounded(number(figures.get(m.key))) for m in METRICS}
+        kept[name] = {key: value for key, value in values.items() if value is not None}
     return kept
+
+
+def rounded(value: float | None) -> float | None:
+    """To five digits, as the baseline keeps them: a figure that must not change at all is compared in the same digits."""
+    return None if value is None else float(f"{value:.5g}")
 
 
 def main() -> None:

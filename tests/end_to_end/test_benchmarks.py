@@ -36,7 +36,10 @@ def test_a_worse_figure_fails_and_a_better_one_does_not(tmp_path: Path) -> None:
 
 
 def test_a_baseline_keeps_the_figures_of_a_run_and_nothing_else(tmp_path: Path) -> None:
-    (tmp_path / "now.json").write_text(json.dumps({"clip": {"rmse_px": 0.51234567, "corner_worst": "a", "near_misses_enforced": "2/9"}}), encoding="utf-8")
-    kept = tmp_path / "kept.json"
+    (tmp_path / "now.json").write_text(
+        json.dumps({"clip": {"rmse_px": 0.51234567, "corner_worst": "a", "near_misses_enforced": "2/9", "parallel_recall": 1 / 3}}), encoding="utf-8"
+    )
+    kept = tmp_path / "kept.json"  # and a run is no worse than its own baseline, though that keeps five digits
     assert run("benchmarks.compare", str(tmp_path / "now.json"), "--baseline", str(kept), "--update").returncode == 0
-    assert json.loads(kept.read_text(encoding="utf-8")) == {"clip": {"near_misses_enforced": 2.0, "rmse_px": 0.51235}}
+    assert json.loads(kept.read_text(encoding="utf-8")) == {"clip": {"near_misses_enforced": 2.0, "parallel_recall": 0.33333, "rmse_px": 0.51235}}
+    assert run("benchmarks.compare", str(tmp_path / "now.json"), "--baseline", str(kept)).stdout.split("\n")[0] == "worse: 0"
