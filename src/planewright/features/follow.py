@@ -41,6 +41,8 @@ class FollowOptions:
     """Correlation with the birth patch below which a feature ends."""
     max_scale: float = 3.0
     """Change of the patch's area, either way, at which a feature ends."""
+    max_change: float = 0.6
+    """Change of the patch's affine shape in one frame (sum over its four entries) that no camera makes."""
     iterations: int = 10
     """Of the registration."""
     min_length: int = 3
@@ -56,7 +58,7 @@ class FollowOptions:
 def follow_features(frames: Frames, options: FollowOptions = FollowOptions(), *, regions: Regions | None = None, progress: Progress = silent) -> Features:
     """Features of the whole image, or with `regions` of the parts of it that the polygons cover.
 
-    One pass over the clip, one frame in memory at a time. Pyramidal Lucas-Kanade (Bouguet 2001) from the frame before is only a prediction; the position
+    One pass over the clip, two frames in memory at a time. Pyramidal Lucas-Kanade (Bouguet 2001) from the frame before is only a prediction; the position
     is that of an affine, gain and bias registration to the patch of the frame in which the feature was first seen (kernels.align_patches). Without that
     step cameras are 3 to 9 times worse.
 
@@ -74,7 +76,7 @@ def follow_features(frames: Frames, options: FollowOptions = FollowOptions(), *,
             progress("Following features", done, len(numbers))
             follower.advance(number, _shrink(image, scale))
             if done % options.detect_every == 0:
-                follower.top_up(None)
+                follower.top_up()
         follower.finish()
         progress("Following features", len(numbers), len(numbers))
         return log.features(scale)
@@ -101,7 +103,7 @@ def follow_features(frames: Frames, options: FollowOptions = FollowOptions(), *,
 
 
 class _Log:
-    """The growing table: small arrays a frame, thinned of short tracks now and then so that it never holds much more than it will give."""
+    """The growing table: small arrays a frame, 12 bytes an observation; short tracks leave it when it is read."""
 
     def __init__(self, min_length: int) -> None:
         self._min_length = min_length
@@ -180,18 +182,18 @@ class _Follower:
             before = self._affine.copy()
             zncc = np.full(len(self._track), -1.0)
             self._register(smooth, zncc)
-            det = np.linalg.det(self._affine) if len(zncc) else zncc
+            det = np.linalg.det(self._affine)
             jump = np.linalg.norm(self._centre - predicted, axis=1)
             change = np.abs(self._affine - before).sum(axis=(1, 2))
-            good = (zncc >= o.min_zncc) & (jump <= o.max_jump) & (det < o.max_scale) & (det > 1 / o.max_scale) & (change < 0.6)
+            good = (zncc >= o.min_zncc) & (jump <= o.max_jump) & (det < o.max_scale) & (det > 1 / o.max_scale) & (change < o.max_change)
             self._select(good)
             self._log.append(number, self._track, self._centre)
         self._gray, self._smooth, self._number = gray, smooth, number
 
-    def top_up(self, allowed: Bool[np.ndarray, "height width"] | None) -> None:
+    def top_up(self) -> None:
         """New corners where the image has room for them."""
         assert self._gray is not None
-        corners = detect_corners(self._gray, self._centre, self._options.detect, allowed=allowed)
+        corners = detect_corners(self._gray, self._centre, self._options.detect)
         self.add(self._log.new_tracks(len(corners)), corners, record=True)
 
     def add(self, track: Int[np.ndarray, "born"], corners: Float[np.ndarray, "born 2"], *, record: bool) -> None:
@@ -241,10 +243,8 @@ class _Follower:
         list(self._threads.map(part, ((0, half), (half, len(zncc)))))
 
     def _select(self, keep: Bool[np.ndarray, "alive"]) -> None:
-        for name in ("_track", "_affine", "_templates", "_steepest", "_hessians"):
-            setattr(self, name, getattr(self, name)[keep])
-        if len(self._centre) == len(keep):
-            self._centre = self._centre[keep]
+        self._track, self._centre, self._affine = self._track[keep], self._centre[keep], self._affine[keep]
+        self._templates, self._steepest, self._hessians = self._templates[keep], self._steepest[keep], self._hessians[keep]
 
 
 def _working_scale(image_size: tuple[int, int], max_pixels: float) -> float:
