@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from planewright.features.features import Features
 from planewright.features.follow import follow_features
 from planewright.geometry.rigid import rotation_angle
 from planewright.sfm.degeneracy import Refused
@@ -88,6 +89,28 @@ def test_a_clip_that_holds_no_cameras_is_refused_by_name(tracked, kind, more, co
     assert isinstance(refused, Refused)
     assert refused.code == code
     assert "Film" in refused.reason or "Walk" in refused.reason
+
+
+def test_points_that_each_go_their_own_way_make_no_scene():
+    rng = np.random.default_rng(0)
+    frames, count = 30, 200
+    xy = rng.uniform([50, 50], [900, 500], (count, 2)) + np.arange(frames)[:, None, None] * rng.normal(0, 3, (count, 2))
+    own = Features(
+        track_index=np.tile(np.arange(count), frames).astype(np.int32),
+        frame=np.repeat(np.arange(frames), count).astype(np.int32),
+        xy=xy.reshape(-1, 2).astype(np.float32),
+        num_tracks=count,
+    )
+    refused = solve_cameras(own, np.arange(frames), (960, 540), rng=np.random.default_rng(0))
+    assert isinstance(refused, Refused)
+    assert refused.code in ("not-rigid", "no-start", "lost")
+
+
+@pytest.mark.parametrize("frames", [0, 1, 2, 5])
+def test_a_clip_without_features_is_refused(frames):
+    nothing = Features(track_index=np.zeros(0, np.int32), frame=np.zeros(0, np.int32), xy=np.zeros((0, 2), np.float32), num_tracks=0)
+    refused = solve_cameras(nothing, np.arange(frames), (960, 540), rng=np.random.default_rng(0))
+    assert isinstance(refused, Refused) and refused.code == "too-few-features"
 
 
 def test_a_plane_gives_cameras_once_the_focal_is_known(tracked):

@@ -15,7 +15,7 @@ class Refused:
     """Why no cameras can be had, and what to film instead."""
 
     code: str
-    """too-few-features, static-camera, rotation-only, planar-scene, no-start or lost."""
+    """too-few-features, static-camera, rotation-only, planar-scene, no-start, not-rigid or lost."""
     reason: str
     """Plain sentences."""
 

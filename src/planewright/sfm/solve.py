@@ -47,6 +47,10 @@ class SfmOptions:
     """In which such a point must be seen."""
     independent: float = 10.0
     """Observations that count as one when radial terms are weighed (errors are correlated along a track and over the image)."""
+    max_sigma: float = 1.2
+    """Standard deviation of a residual's coordinate, pixels at 960 wide, above which nothing rigid was found: good clips have 0.1, phone clips 0.25."""
+    min_explained: float = 0.25
+    """Share of the observations that the scene's points must account for; good clips reach 0.9 and more."""
     near_affine: float = 0.3
     """Width of the focal's interval, relative to it, at which the clip is called nearly affine."""
     gates: GateOptions = field(default_factory=GateOptions)
@@ -292,6 +296,16 @@ def _result(
     if len(track) < options.resection.min_inliers:
         return Refused("lost", "Hardly any point of the scene could be placed. Film a static scene, walking around it slowly.")
     sigma, median = robust_scale(residual), float(np.median(np.linalg.norm(residual, axis=1)))
+    explained = _explained(table, posed, track)
+    if sigma > options.max_sigma * max(image_size) / 960.0 or explained < options.min_explained:
+        return Refused(
+            "not-rigid",
+            f"What is seen does not move as one rigid scene: its best points are off by {sigma:.1f} pixels "
+            f"and account for {explained:.0%} of what was followed. "
+            "Film a scene that stands still, or draw the faces of the object that moves.",
+        )
+    if explained < 2 * options.min_explained:
+        warnings = (*warnings, f"Only {explained:.0%} of what was followed moves with the scene; the rest is taken for things that move on their own.")
 
     base = int(keyframes[np.nonzero(growth.posed)[0][0]])
     world = Rigid(rotation[base], translation[base])
@@ -305,7 +319,7 @@ def _result(
     if upper is None or (upper - lower) / estimate > options.near_affine:
         bound = "nothing bounds it from above" if upper is None else f"to {upper:.0f}"
         warnings = (*warnings, f"The clip is nearly affine: the focal length is hardly observable (95 % interval from {lower:.0f} pixels, {bound}). "
-                    "Lengths in depth are uncertain; give the focal length if it is known, or film from closer.")  # fmt: skip
+                    "Lengths in depth are uncertain; give the focal length if it is known, or film from closer and from more sides.")  # fmt: skip
     if not posed.all():
         warnings = (*warnings, f"{int((~posed).sum())} of {table.num_frames} frames have no camera: too few known features are seen there.")
     cameras = Cameras(
@@ -318,6 +332,14 @@ def _result(
         focal_inflation=focal.inflation, parallax=parallax, frames_posed=int(posed.sum()), warnings=warnings,
     )  # fmt: skip
     return Solved(cameras=cameras, points=points, summary=summary)
+
+
+def _explained(table: FrameTable, posed: Bool[np.ndarray, "frames"], track: Int[np.ndarray, "points"]) -> float:
+    """Share of the observations in posed frames that belong to the points."""
+    known = np.zeros(table.num_tracks, bool)
+    known[track] = True
+    rows = np.repeat(posed, np.diff(table.start))
+    return float(known[table.track[rows]].mean())
 
 
 def _all_points(
