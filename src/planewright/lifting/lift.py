@@ -377,25 +377,6 @@ class _Lifter:
             self.known[c] = True
             self.spread[c] = float(1.0 / np.sqrt(w.sum())) if len(w) > 1 else float(sigma[agree].min())
 
-    def complete_quads(self) -> None:
-        """Corners whose ray meets their plane at a grazing angle: the fourth corner of a parallelogram, where its mark agrees with that."""
-        for loop in self.loops:
-            if len(loop) != 4:
-                continue
-            for i, c in enumerate(loop):
-                rows = self.rays.of_point(c)
-                before, across, after = (loop[(i + k) % 4] for k in (1, 2, 3))
-                others = [before, across, after]
-                if len(rows) == 0 or self.spread[c] < 2 * self.same_depth or not self.known[others].all() or self.spread[others].max() > 0.5 * self.spread[c]:
-                    continue
-                guess = self.points[before] + self.points[after] - self.points[across]
-                row = rows[0]
-                depth = float((guess - self.rays.origin[row]) @ self.views.rotation[self.rays.view[row]][2])
-                on_ray = self.rays.origin[row] + depth * self.rays.direction[row]
-                gap = np.linalg.norm(guess - on_ray) / max(depth, 1e-12) * self.views.calibration[0, 0]
-                if depth > 0 and gap < 4.0 * self.mark_sigma and abs(np.log(depth / self.depth_of(c))) < 4.0 * self.spread[c]:
-                    self.points[c], self.spread[c] = on_ray, 2 * self.same_depth
-
     def depth_of(self, point: int) -> float:
         """Depth of a known point in the view of its first mark."""
         row = self.rays.of_point(point)[0]
@@ -446,7 +427,6 @@ def lift_sketch(
                 lifter.choice[f] = guess
                 from_corners.add(f)
         lifter.locate()
-        lifter.complete_quads()
         if turn and before == (lifter.known.sum(), sum(c is not None for c in lifter.choice)):
             break
     return _finish(lifter, from_corners)

@@ -15,6 +15,7 @@ from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.planar_start import PlanarStart
 from planewright.progress import Progress, silent
 from planewright.refine.incidences import propose_incidences
+from planewright.refine.quads import fourth_corners, joined
 from planewright.relations.adjacency import Adjacency
 from planewright.relations.adjust import AdjustOptions, Structured, adjust_structure
 from planewright.relations.relation import Relation
@@ -49,6 +50,8 @@ class RefineOptions:
     """Depth sigma of a point located as a patch of its own, in pixels of motion (`Views.depth_per_pixel`)."""
     on_plane: float = 8.0
     """A corner drawn inside a face is proposed to lie on it when it is this near to its plane, in pixels of motion."""
+    open_above: float = 8.0
+    """A corner less sure than this (standard deviation, in pixels of motion) by clicks and planes may be helped by its face's shape."""
     adjust: AdjustOptions = field(default_factory=AdjustOptions)
     """The structured adjustment and its relations."""
 
@@ -101,12 +104,18 @@ def refine_structure(
     drawn = {(min(a, b), max(a, b)): not drawn_set or (min(a, b), max(a, b)) in drawn_set for _, a, b in edges}
     state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known)
     progress("Refining corners and planes", 0, 1 + options.rounds)
-    structured, lines = _round(views, sketch, rays, edges, drawn, lifted, _oriented(views, sketch, state), None, options)
+    state = _oriented(views, sketch, state)
+    priors = _patch_priors(views, rays, sketch, lifted, options)
+    structured, lines = _round(views, sketch, rays, edges, drawn, priors, state, None, options)
+    fourth = fourth_corners(sketch, structured.scene, open_above=options.open_above * views.depth_per_pixel * _distance(views, structured.scene))
+    if len(fourth.corner):
+        priors = joined(priors, fourth)
+        structured, lines = _round(views, sketch, rays, edges, drawn, priors, _oriented(views, sketch, _state_of(structured.scene)), None, options)
     anchor = Anchor(structured.scene.points, structured.scene.point_covariance)
     for turn in range(options.rounds):
         progress("Refining corners and planes", 1 + turn, 1 + options.rounds)
         state = _oriented(views, sketch, _state_of(structured.scene))
-        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, state, anchor, options)
+        structured, lines = _round(views, sketch, rays, edges, drawn, priors, state, anchor, options)
     progress("Refining corners and planes", 1 + options.rounds, 1 + options.rounds)
     notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
     return Structure(structured.scene, structured.relations, structured.adjacency, notes)
@@ -118,7 +127,7 @@ def _round(
     rays: MarkRays,
     edges: Sequence[tuple[int, int, int]],
     drawn: dict[tuple[int, int], bool],
-    lifted: Lifted,
+    priors: CornerPriors,
     state: _State,
     anchor: Anchor | None,
     options: RefineOptions,
@@ -134,10 +143,16 @@ def _round(
         plane_points=plane_points(views, estimates, options.faces),
         marks=_marks(views, rays, options.click_sigma * views.scale),
         lines=corner_lines(lines, state.points),
-        priors=_patch_priors(views, rays, sketch, lifted, options),
+        priors=priors,
     )
     start = PlanarStart(state.points, state.known, state.normals, state.offsets, state.face_known)
     return adjust_structure(sketch, start, evidence, proposed, options.adjust), lines
+
+
+def _distance(views: Views, scene: PlanarScene) -> float:
+    """From the cameras to the sketched scene, about."""
+    known = scene.points[scene.point_known]
+    return float(np.median(np.linalg.norm(views.centers[:, None] - known[None], axis=2))) if len(known) else 1.0
 
 
 def _or_nan(normals: Float[np.ndarray, "faces 3"], known: Bool[np.ndarray, "faces"]) -> Float[np.ndarray, "faces 3"]:
@@ -183,7 +198,7 @@ def _edge_notes(sketch: Sketch, lines: Sequence[EdgeLine]) -> list[str]:
     for line in lines:
         if line.ambiguous and line.other_offset is not None:
             a, b = (sketch.points[i].id for i in line.edge)
-            off = [abs(o - m) / line.pixel for o, m in zip(line.other_offset, line.offset, strict=True)]
+            off = [abs(o) / line.pixel for o in line.other_offset]
             notes.append(
                 f"Edge {a}-{b} is ambiguous on face {sketch.faces[line.face].id}: a second line runs {off[0]:.1f} and {off[1]:.1f} px "
                 f"beside it at its ends. Mark {a} or {b} in another frame to say which one is meant."

@@ -62,9 +62,11 @@ class EdgeOptions:
     a line beside it), so more views do not make it smaller."""
     min_contrast: float = 1.15
     """The best line must be this much steeper than the strip's median."""
-    ambiguous: float = 0.7
-    """A second candidate over three pixels off (both ends together) and this near in score makes the edge ambiguous."""
-
+    missing: float = 0.005
+    """The chance that the drawn edge is none of the candidates is that of a line of this height right where it is expected."""
+    ambiguous: float = 0.5
+    """A second candidate over three pixels off (both ends together) that is at least this likely, relative to the best, makes the edge
+    ambiguous."""
 
 @dataclass(frozen=True, eq=False)
 class Anchor:
@@ -92,7 +94,7 @@ class EdgeLine:
     """Steepness of the line over the strip's median."""
     ambiguous: bool
     other_offset: tuple[float, float] | None
-    """The second candidate of an ambiguous edge."""
+    """The second candidate of an ambiguous edge: its offsets from the first one."""
 
 
 def edges_of_faces(loops: Sequence[Sequence[Sequence[int]]], open_faces: Sequence[bool]) -> list[tuple[int, int, int]]:
@@ -255,7 +257,9 @@ def _best_line(
     line_scores(mean, enough, 2 * reach, scores)
     floor = float(np.median(mean[enough]))
     ends = np.arange(-reach, reach + 1) * step
-    away = 0.5 * (((ends[:, None] - middles[0]) / priors[0]) ** 2 + ((ends[None] - middles[1]) / priors[1]) ** 2)
+    # Student's t with 10 degrees of freedom: now and then a click is off by more than its sigma says
+    off = [5.5 * np.log1p(((ends - middle) / sigma) ** 2 / 10.0) for middle, sigma in zip(middles, priors, strict=True)]
+    away = off[0][:, None] + off[1][None]
     height = (scores - floor) / max(float(scores.max()) - floor, 1e-9)
     # candidates are the maxima that stand out; which of them is the drawn edge is first a question of where it was drawn
     padded = np.pad(scores, 1, constant_values=np.inf)
@@ -271,20 +275,31 @@ def _best_line(
     if posterior[i, j] < -options.reject:
         return None
     contrast = float(scores[i, j]) / max(floor, 0.35)
-    offset = (float(ends[i]) + step * _peak(scores[i - 1 : i + 2, j]), float(ends[j]) + step * _peak(scores[i, j - 1 : j + 2]))
-    far = np.abs(ends[:, None] - ends[i]) + np.abs(ends[None] - ends[j]) > 3.0
-    rival = np.where(far, posterior, -np.inf)
-    k, m = (int(v) for v in np.unravel_index(int(np.argmax(rival)), rival.shape))
-    ambiguous = bool(rival[k, m] > posterior[i, j] - options.ambiguous)
+    # the candidates' mixture, with the chance that none of them is the edge: where several are as good, their spread is the error
+    chance = np.where(peak, np.exp(posterior - posterior[i, j]), 0.0)
+    missing = float(np.exp(options.height_weight * np.log(options.missing) - posterior[i, j]))
+    chance[np.hypot(ends[:, None] - ends[i], ends[None] - ends[j]) < 1.5] = 0.0
+    chance[i, j] = 1.0
+    total = float(chance.sum()) + missing
+    best = (float(ends[i]) + step * _peak(scores[i - 1 : i + 2, j]), float(ends[j]) + step * _peak(scores[i, j - 1 : j + 2]))
     t = (np.nonzero(enough)[0] + 0.5) / samples
     middle, spread = float(t.mean()), max(float(t.var()), 1e-4)
-    # standard deviation of a fitted line at its ends, relative to one seen over its whole length
-    ends_sigma = [options.sigma * np.sqrt((1.0 + (end - middle) ** 2 / spread) / 4.0) * pixel for end in (0.0, 1.0)]
-    if ambiguous:
-        ends_sigma = [s + 0.5 * pixel * abs(float(ends[n] - ends[o])) for s, n, o in zip(ends_sigma, (k, m), (i, j), strict=True)]
+    offset, sigma = [0.0, 0.0], [0.0, 0.0]
+    for end in (0, 1):
+        share = chance.sum(axis=1 - end)
+        places = ends.copy()
+        places[(i, j)[end]] = best[end]
+        mean_offset = float((share @ places + missing * middles[end]) / total)
+        around_it = float((share @ (places - mean_offset) ** 2 + missing * ((middles[end] - mean_offset) ** 2 + priors[end] ** 2)) / total)
+        # a line's standard deviation at its ends, relative to one seen over its whole length
+        alone = options.sigma * np.sqrt((1.0 + (end - middle) ** 2 / spread) / 4.0)
+        offset[end], sigma[end] = mean_offset * pixel, float(np.hypot(alone, np.sqrt(around_it))) * pixel
+    rival = np.where(np.abs(ends[:, None] - ends[i]) + np.abs(ends[None] - ends[j]) > 3.0, chance, 0.0)
+    k, m = (int(v) for v in np.unravel_index(int(np.argmax(rival)), rival.shape))
+    ambiguous = bool(rival[k, m] > options.ambiguous)
     return EdgeLine(
-        edge, face, across, (offset[0] * pixel, offset[1] * pixel), (float(ends_sigma[0]), float(ends_sigma[1])), pixel, contrast, ambiguous,
-        (float(ends[k]) * pixel, float(ends[m]) * pixel) if ambiguous else None,
+        edge, face, across, (offset[0], offset[1]), (sigma[0], sigma[1]), pixel, contrast, ambiguous,
+        (float(ends[k] - ends[i]) * pixel, float(ends[m] - ends[j]) * pixel) if ambiguous else None,
     )  # fmt: skip
 
 
