@@ -22,6 +22,21 @@ def model_views(model: PlanarModel, cameras: Cameras) -> list[Picture]:
     """Three sides, first textured, then shaded. Empty for an empty model."""
     if not model.faces or not cameras.posed.any():
         return []
+    lens, poses = model_poses(model, cameras)
+    return [
+        Picture(
+            f"{mode.capitalize()}, turned by {turn:+.0f} degrees",
+            float(SIZE[0]),
+            float(SIZE[1]),
+            image=data_uri(render_model(model, pose, lens, mode), SIZE[0]),
+        )
+        for mode in ("textured", "shaded")
+        for turn, pose in zip(TURNS_DEG, poses, strict=True)
+    ]
+
+
+def model_poses(model: PlanarModel, cameras: Cameras) -> tuple[Intrinsics, list[Rigid]]:
+    """A camera of `SIZE`, and `cam_from_world` for each of `TURNS_DEG`: the whole model is in the picture. For a model with faces."""
     vertices = np.concatenate([face.vertices for face in model.faces])
     target = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     radius = float(np.linalg.norm(vertices - target, axis=1).max())
@@ -34,17 +49,7 @@ def model_views(model: PlanarModel, cameras: Cameras) -> list[Picture]:
     side = side / length if length > 1e-9 else any_right(up)
     lens = Intrinsics(focal=FOCAL, principal_point=np.array([SIZE[0] / 2, SIZE[1] / 2]), image_size=SIZE)
     distance = radius * FOCAL / (SIZE[1] / 2) * 1.06
-    poses = [look_at(target + distance * viewing_direction(side, up, np.radians(turn)), target, up) for turn in TURNS_DEG]
-    return [
-        Picture(
-            f"{mode.capitalize()}, turned by {turn:+.0f} degrees",
-            float(SIZE[0]),
-            float(SIZE[1]),
-            image=data_uri(render_model(model, pose, lens, mode), SIZE[0]),
-        )
-        for mode in ("textured", "shaded")
-        for turn, pose in zip(TURNS_DEG, poses, strict=True)
-    ]
+    return lens, [look_at(target + distance * viewing_direction(side, up, np.radians(turn)), target, up) for turn in TURNS_DEG]
 
 
 def viewing_direction(side: Vec3, up: Vec3, turn: float) -> Vec3:
