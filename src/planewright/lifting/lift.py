@@ -7,12 +7,12 @@ by the same plane. What is known then locates further corners, in further frames
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
-from planewright.arrays import Bool, Float, Int, UInt8, Vec3
+from planewright.arrays import Bool, Float, UInt8, Vec3
 from planewright.geometry.plane import fit_plane
 from planewright.lifting.photometric import (
     PhotometricOptions,
@@ -22,8 +22,6 @@ from planewright.lifting.photometric import (
     plane_from_world,
     plane_to_world,
     reference_from_mask,
-    sweep,
-    refine,
 )
 from planewright.lifting.rays import MarkRays, mark_rays, meet, triangulate_marks
 from planewright.lifting.views import Views
@@ -36,7 +34,7 @@ from planewright.sketch.graph import Sketch
 class LiftOptions:
     """How the sketch is lifted."""
 
-    photometric: PhotometricOptions = PhotometricOptions()
+    photometric: PhotometricOptions = field(default_factory=PhotometricOptions)
     click_sigma: float = 1.0
     """Standard deviation of a click an axis, pixels of the clip."""
     plane_sigma: float = 3.0
@@ -187,7 +185,7 @@ class _Lifter:
             others[other] = theirs[0]
             # what is drawn smaller over this face stands in front of it, as a rule
             if theirs[0].sum() < 0.6 * area:
-                free &= ~cv2.dilate(theirs[0], np.ones((5, 5), np.uint8)) & 1
+                free[np.asarray(cv2.dilate(theirs[0], np.ones((5, 5), np.uint8))) > 0] = 0
         if free.sum() < 0.25 * area:
             free = mask
         inner = cv2.erode(free, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
@@ -221,7 +219,7 @@ class _Lifter:
     def hinges(self, face: int, reference: Reference) -> list[Vec3]:
         """Planes through two known corners of the face, the best of a fan of tilts as the pixels see it."""
         known = [c for c in self.corners[face] if self.known[c]]
-        if not 2 <= len(known):
+        if not len(known) >= 2:
             return []
         pairs = [(a, b) for i, a in enumerate(known) for b in known[i + 1 :]]
         a, b = max(pairs, key=lambda pair: float(np.linalg.norm(self.points[pair[0]] - self.points[pair[1]])))
@@ -277,6 +275,7 @@ class _Lifter:
                         behind_cache[key] = mine.covered[:, g] & self.behind(mine, self.found[g][labels[g]])
                     by_others |= behind_cache[key]
             return float(by_others.mean())
+
         pair_cache: dict[tuple[int, int, int, int], float] = {}
 
         def pair(f: int, h: int, g: int, k: int) -> float:
@@ -313,7 +312,12 @@ class _Lifter:
                 before = list(labels)
                 for f in order:
                     costs = [(0.0, -1)] + [
-                        (unary(f, h) + EXPLAINED * max(0.0, explained(f, h, labels) - 0.25) + sum(pair(f, h, g, labels[g]) for g in neighbours[f] if labels[g] >= 0), h)
+                        (
+                            unary(f, h)
+                            + EXPLAINED * max(0.0, explained(f, h, labels) - 0.25)
+                            + sum(pair(f, h, g, labels[g]) for g in neighbours[f] if labels[g] >= 0),
+                            h,
+                        )
                         for h in usable[f]
                     ]
                     labels[f] = min(costs)[1]

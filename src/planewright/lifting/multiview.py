@@ -83,7 +83,10 @@ def measure_faces(
             normal, offset = plane_to_world(views, reference, found.plane)
             if normal @ normals[f] < np.cos(np.radians(options.max_tilt_deg)):
                 continue
-            if np.abs(np.log((reference.basis @ found.plane).clip(1e-12) / (reference.basis @ start).clip(1e-12))).mean() > options.max_shift * views.depth_per_pixel:
+            if (
+                np.abs(np.log((reference.basis @ found.plane).clip(1e-12) / (reference.basis @ start).clip(1e-12))).mean()
+                > options.max_shift * views.depth_per_pixel
+            ):
                 continue
             out.append(FaceEstimate(int(f), found, normal, offset))
     return _consistent(out)
@@ -137,7 +140,9 @@ def plane_points(views: Views, estimates: Sequence[FaceEstimate], options: Multi
         growth = _scatter(views, own)
         for estimate in own:
             common = options.gray_error**2 * estimate.found.used / estimate.found.residual**2
-            xyz, sigma = _virtual_points(views, estimate, options.floor * views.depth_per_pixel * np.sqrt(len(own)), float(np.sqrt(growth**2 + common * len(own))))
+            xyz, sigma = _virtual_points(
+                views, estimate, options.floor * views.depth_per_pixel * np.sqrt(len(own)), float(np.sqrt(growth**2 + common * len(own)))
+            )
             faces += [f] * 3
             points += list(xyz)
             sigmas += list(sigma)

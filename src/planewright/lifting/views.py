@@ -87,7 +87,9 @@ def load_views(
     stretch = np.diag([size[0] / width, size[1] / height, 1.0])
     calibration = stretch @ cameras.intrinsics.pinhole().matrix
     rotation, translation = cameras.rotation[rows], cameras.translation[rows]
-    return Views(np.array(wanted), images, size[0] / width, calibration, rotation, translation, _depth_per_pixel(calibration, rotation, translation, scene, size))
+    return Views(
+        np.array(wanted), images, size[0] / width, calibration, rotation, translation, _depth_per_pixel(calibration, rotation, translation, scene, size)
+    )
 
 
 def _depth_per_pixel(

@@ -25,7 +25,6 @@ from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, corner_lin
 from planewright.tracking.visibility import owners_in_views, polygons_of
 from planewright.video.frames import Frames
 
-
 UNSEEN = 60.0
 """A face that no view shows with more working pixels than this counts as never seen."""
 
@@ -138,7 +137,9 @@ def _round(
     if anchor is not None:
         usable = [(f, a, b) for f, a, b in edges if state.face_known[f] and state.known[a] and state.known[b] and drawn[min(a, b), max(a, b)]]
         lines = measure_edges(views, usable, state.points, anchor, state.normals, owners, options.edges)
-    proposed = propose_incidences(sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known, options.on_plane * views.depth_per_pixel)
+    proposed = propose_incidences(
+        sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known, options.on_plane * views.depth_per_pixel
+    )
     evidence = Evidence(
         plane_points=plane_points(views, estimates, options.faces),
         marks=_marks(views, rays, options.click_sigma * views.scale),
@@ -186,7 +187,9 @@ def _oriented(views: Views, sketch: Sketch, state: _State) -> _State:
     """Normals towards the cameras that see the face, all other faces in place; a face that is never seen turns away from most cameras."""
     owners = owners_in_views(views, polygons_of(sketch, state.points, _or_nan(state.normals, state.face_known), state.offsets))
     areas = visible_shares(views, owners, len(state.normals))
-    side = np.where(state.face_known, views.centers @ np.where(state.face_known[:, None], state.normals, 0.0).T - np.where(state.face_known, state.offsets, 0.0), 0.0)
+    side = np.where(
+        state.face_known, views.centers @ np.where(state.face_known[:, None], state.normals, 0.0).T - np.where(state.face_known, state.offsets, 0.0), 0.0
+    )
     seen = areas.max(axis=0) > UNSEEN
     wrong = np.where(seen, (areas * np.sign(side)).sum(axis=0) < 0, np.sign(side).sum(axis=0) > 0)
     turn = np.where(wrong, -1.0, 1.0)
@@ -204,4 +207,3 @@ def _edge_notes(sketch: Sketch, lines: Sequence[EdgeLine]) -> list[str]:
                 f"beside it at its ends. Mark {a} or {b} in another frame to say which one is meant."
             )
     return notes
-

@@ -68,6 +68,7 @@ class EdgeOptions:
     """A second candidate over three pixels off (both ends together) that is at least this likely, relative to the best, makes the edge
     ambiguous."""
 
+
 @dataclass(frozen=True, eq=False)
 class Anchor:
     """Corners as clicks and planes alone give them."""
@@ -181,7 +182,8 @@ def _measure(
         # which side of the edge the face is on is found by looking: `owners` knows its polygon
         strip, count, texture = np.zeros((samples, 2 * half + 1)), np.zeros(samples), np.zeros((4, samples, 2 * half + 1))
         edge_strip(
-            views.images, chosen, projections, a, along, across, half, step * pixel, sign * 3.0 * pixel, owners, scale, face, options.limit, strip, count, texture
+            views.images, chosen, projections, a, along, across, half, step * pixel, sign * 3.0 * pixel, owners, scale, face, options.limit,
+            strip, count, texture,
         )  # fmt: skip
         if best_strip is None or count.sum() > best_strip[0]:
             best_strip = (float(count.sum()), sign, strip, count, texture)
@@ -195,9 +197,7 @@ def _measure(
     return _best_line(mean, region, enough, edge, face, across, pixel, reach, step, middles, priors, options)
 
 
-def _pixels_across(
-    views: Views, a: Vec3, b: Vec3, across: Vec3
-) -> tuple[Float[np.ndarray, "views"], Float[np.ndarray, "views"]]:
+def _pixels_across(views: Views, a: Vec3, b: Vec3, across: Vec3) -> tuple[Float[np.ndarray, "views"], Float[np.ndarray, "views"]]:
     """Working pixels, at right angles to the projected edge, per world unit along `across`, and the edge's length; 0 where it is out of the image."""
     p = views.projections
     ends = np.stack([a, b, 0.5 * (a + b)])

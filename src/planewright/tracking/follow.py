@@ -127,7 +127,7 @@ def _usual_offset(lines: Float[np.ndarray, "rows edges 4"]) -> Float[np.ndarray,
     measured = lines[..., 3] > 0
     values = np.where(measured[..., None], lines[..., :2], np.nan)
     enough = measured.sum(axis=0) >= 5
-    out = np.zeros(lines.shape[1:2] + (2,))
+    out = np.zeros((*lines.shape[1:2], 2))
     if enough.any():
         out[enough] = np.nanmedian(values[:, enough], axis=0)
     return out
@@ -232,7 +232,9 @@ def _table(
     intrinsics = cameras.intrinsics
     numbers = cameras.frame[rows]
     frame_row = {int(n): k for k, n in enumerate(numbers)}
-    columns: list[tuple[Int[np.ndarray, "rows"], Int[np.ndarray, "rows"], Float[np.ndarray, "rows 2"], Float[np.ndarray, "rows 2 2"], Int[np.ndarray, "rows"]]] = []
+    columns: list[
+        tuple[Int[np.ndarray, "rows"], Int[np.ndarray, "rows"], Float[np.ndarray, "rows 2"], Float[np.ndarray, "rows 2 2"], Int[np.ndarray, "rows"]]
+    ] = []
     for i, point in enumerate(scene.sketch.points):
         if scene.point_known[i]:
             shown = intrinsics.to_pixels((xy[:, i] - intrinsics.principal_point) / intrinsics.focal)
