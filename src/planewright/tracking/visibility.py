@@ -57,14 +57,14 @@ def corner_visibility(
     """
     polygons = polygons_of(sketch, points, normals, offsets)
     row = {point.id: i for i, point in enumerate(sketch.points)}
-    known_face = np.isfinite(normals).all(axis=1)
+    known_face = np.asarray(np.isfinite(normals).all(axis=1))
     side = np.einsum("kj,fj->kf", centers, np.where(known_face[:, None], normals, 0.0)) - np.where(known_face, offsets, 0.0)[None]
-    visible = np.repeat(np.all(np.isfinite(points), axis=1, keepdims=True).T, len(centers), axis=0)
+    visible = np.tile(np.asarray(np.isfinite(points).all(axis=1)), (len(centers), 1))
     at_face = np.zeros((len(points), len(sketch.faces)), bool)
     for f, face in enumerate(sketch.faces):
         if known_face[f]:
             at_face[[row[c] for c in face.corners], f] = True
-    on_some = np.any(at_face, axis=1, keepdims=True).T
+    on_some = np.asarray(at_face.any(axis=1))
     facing = np.einsum("kf,pf->kp", (side > 0).astype(np.int32), at_face.astype(np.int32)) > 0
     visible &= facing | ~on_some
     for f in range(len(sketch.faces)):
