@@ -1,24 +1,18 @@
 # pyright: basic
 """Compiled loops along edges. Pixels are array coordinates: the centre of the top-left pixel is (0, 0)."""
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit
 
+from planewright.geometry.bilinear_kernels import bilinear
 
-@njit(cache=True)
-def _sample(image, x, y):
-    """Bilinear grey value; -1 outside."""
-    h, w = image.shape
-    if not (x >= 0.0 and y >= 0.0 and x < w - 1 and y < h - 1):
-        return -1.0
-    i, j = int(y), int(x)
-    fx, fy = x - j, y - i
-    top = image[i, j] * (1.0 - fx) + image[i, j + 1] * fx
-    low = image[i + 1, j] * (1.0 - fx) + image[i + 1, j + 1] * fx
-    return top * (1.0 - fy) + low * fy
+# `no_type_check` keeps the shape checker of the tests from wrapping a kernel before Numba sees it.
 
 
 @njit(cache=True)
+@no_type_check
 def edge_strip(images, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, face, limit, strip, count, texture):
     """Steepness across an edge, and what its plane carries from view to view, both averaged in the edge's own plane.
 
@@ -60,7 +54,7 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
                 w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
                 value = -1.0
                 if w > 1e-9:
-                    value = _sample(image, (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w, (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w)
+                    value = bilinear(image, (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w, (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w)
                 if value < 0.0:
                     there[s] = False
                     break
@@ -83,6 +77,7 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
 
 
 @njit(cache=True)
+@no_type_check
 def line_scores(strip, valid, half, out):
     """Mean of strip (S, W) along each straight line across it: out (R, R) for end offsets a, b in -R//2..R//2 around the middle."""
     samples, width = strip.shape
@@ -108,6 +103,7 @@ def line_scores(strip, valid, half, out):
 
 
 @njit(cache=True)
+@no_type_check
 def frame_edges(image, ends, radius, spacing, limit, out):
     """Where drawn edges run in one frame, near where they are predicted.
 
@@ -139,7 +135,7 @@ def frame_edges(image, ends, radius, spacing, limit, out):
             good = True
             for j in range(2 * half + 3):
                 o = 0.5 * (j - 1 - half)
-                profile[j] = _sample(image, x + o * nx, y + o * ny)
+                profile[j] = bilinear(image, x + o * nx, y + o * ny)
                 if profile[j] < 0.0:
                     good = False
                     break
