@@ -4,8 +4,9 @@ import numpy as np
 
 from planewright.arrays import Bool, Float, Int
 from planewright.lifting.rays import MarkRays
+from planewright.planes.polygons import polygons_of
 from planewright.sketch.graph import Sketch
-from planewright.tracking.visibility import inside_polygon, polygons_of
+from planewright.tracking.visibility import inside_polygon
 
 
 def propose_incidences(

@@ -13,6 +13,7 @@ from planewright.lifting.views import ViewOptions, Views, load_views
 from planewright.planes.evidence import CornerMarks, CornerPriors, Evidence
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.planar_start import PlanarStart
+from planewright.planes.polygons import polygons_of
 from planewright.progress import Progress, silent
 from planewright.refine.incidences import propose_incidences
 from planewright.refine.quads import fourth_corners, joined
@@ -22,7 +23,7 @@ from planewright.relations.relation import Relation
 from planewright.sfm.cameras import Cameras, ScenePoints
 from planewright.sketch.graph import Sketch
 from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, corner_lines, edges_of_faces, measure_edges
-from planewright.tracking.visibility import owners_in_views, polygons_of
+from planewright.tracking.visibility import owners_in_views
 from planewright.video.frames import Frames
 
 UNSEEN = 60.0

@@ -4,31 +4,11 @@ import numpy as np
 
 from planewright.arrays import Bool, Float, Int
 from planewright.geometry.camera import Intrinsics
-from planewright.geometry.raster import PlanarPolygons, face_buffer, planar_polygons
+from planewright.geometry.raster import PlanarPolygons, face_buffer
 from planewright.geometry.rigid import Rigid
 from planewright.lifting.views import Views
+from planewright.planes.polygons import polygons_of
 from planewright.sketch.graph import Sketch
-
-
-def polygons_of(
-    sketch: Sketch, points: Float[np.ndarray, "points 3"], normals: Float[np.ndarray, "faces 3"], offsets: Float[np.ndarray, "faces"]
-) -> PlanarPolygons:
-    """The known faces as polygons in the world; a face with an unknown corner keeps the others, and is left out below three."""
-    row = {point.id: i for i, point in enumerate(sketch.points)}
-    loops: list[list[Float[np.ndarray, "corners 3"]]] = []
-    for f, face in enumerate(sketch.faces):
-        own: list[Float[np.ndarray, "corners 3"]] = []
-        if np.isfinite(normals[f]).all():
-            for loop in (face.loop, *face.holes):
-                xyz = points[[row[c] for c in loop]]
-                xyz = xyz[np.isfinite(xyz).all(axis=1)]
-                if len(xyz) >= 3:
-                    own.append(xyz)
-                elif loop is face.loop:
-                    break
-        loops.append(own)
-    safe_normals = np.where(np.isfinite(normals), normals, 0.0)
-    return planar_polygons(safe_normals, np.where(np.isfinite(offsets), offsets, 0.0), loops)
 
 
 def owners_in_views(views: Views, polygons: PlanarPolygons, scale: float = 0.5) -> Int[np.ndarray, "views height width"]:
