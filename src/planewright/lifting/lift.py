@@ -42,8 +42,8 @@ class LiftOptions:
     planes are far too small."""
     rounds: int = 4
     """How often faces that found no plane try again with the corners known by then."""
-    same_depth: float = 8.0
-    """Depths nearer to each other than this, in pixels of motion, may be the same."""
+    same_depth: float = 2.5
+    """A face drawn over another must stand this far before it, in pixels of motion, or is taken to show the other's pixels."""
 
 
 EXPLAINED = 16.0
@@ -78,8 +78,8 @@ class Lifted:
     face_known: Bool[np.ndarray, "faces"]
     from_pixels: Bool[np.ndarray, "faces"]
     """False where the plane only comes from corners known otherwise."""
-    incidences: tuple[tuple[int, int], ...]
-    """(face, point): corners that lie on the plane of a face inside which they were drawn."""
+    corners: tuple[tuple[int, ...], ...]
+    """Rows of each face's corners, holes included."""
     notes: tuple[str, ...]
 
 
@@ -388,7 +388,7 @@ class _Lifter:
 
     def from_corners(self, face: int) -> Hypothesis | None:
         """The plane through three or more known corners that are not on a line; None where there are none, or they disagree."""
-        known = np.array([c for c in dict.fromkeys(self.corners[face]) if self.known[c] and self.spread[c] < 8 * self.same_depth], int)
+        known = np.array([c for c in dict.fromkeys(self.corners[face]) if self.known[c] and self.spread[c] < 20 * self.plane_sigma], int)
         if len(known) < 3:
             return None
         xyz = self.points[known]
@@ -399,7 +399,7 @@ class _Lifter:
         center = weight @ xyz / weight.sum()
         # the second singular value of the corners in units of their sigmas says whether they are off a line
         across = np.linalg.svd((xyz - center) / np.maximum(sigma, 0.2 * sigma.max())[:, None], compute_uv=False)[1]
-        if across < 6.0 or (np.abs(xyz @ normal - offset) > 4.0 * sigma).any():
+        if across < 3.0 or (np.abs(xyz @ normal - offset) > 4.0 * sigma).any():
             return None
         return Hypothesis(normal, offset, 0.5, -1, xyz, np.zeros((len(xyz), self.num_faces), bool))
 
@@ -450,7 +450,7 @@ def _finish(lifter: _Lifter, from_corners: set[int]) -> Lifted:
         notes.append(f"Point {lifter.sketch.points[c].id}: no depth found; mark it in a second frame.")
     return Lifted(
         lifter.points, lifter.known.copy(), normals, offsets, known,
-        np.array([known[f] and f not in from_corners for f in range(faces)]), (), tuple(notes),
+        np.array([known[f] and f not in from_corners for f in range(faces)]), tuple(map(tuple, lifter.corners)), tuple(notes),
     )  # fmt: skip
 
 
@@ -479,4 +479,4 @@ def lone_points(lifter: _Lifter) -> None:
                 if depth[0] > 0:
                     best = (planes[0].zncc, lifter.rays.origin[row] + depth[0] * lifter.rays.direction[row], float(depth[0]))
         if best is not None:
-            lifter.points[c], lifter.known[c], lifter.spread[c] = best[1], True, 2 * lifter.same_depth
+            lifter.points[c], lifter.known[c], lifter.spread[c] = best[1], True, 5 * lifter.plane_sigma

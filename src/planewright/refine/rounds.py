@@ -10,7 +10,7 @@ from planewright.lifting.lift import Lifted, LiftOptions, lift_sketch
 from planewright.lifting.multiview import MultiviewOptions, measure_faces, plane_points, visible_shares
 from planewright.lifting.rays import MarkRays, mark_rays
 from planewright.lifting.views import ViewOptions, Views, load_views
-from planewright.planes.evidence import CornerMarks, CornerPriors, Evidence
+from planewright.planes.evidence import CornerMarks, CornerPriors, Evidence, PlanePoints
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.planar_start import PlanarStart
 from planewright.planes.polygons import polygons_of
@@ -106,16 +106,16 @@ def refine_structure(
     progress("Refining corners and planes", 0, 1 + options.rounds)
     state = _oriented(views, sketch, state)
     priors = _patch_priors(views, rays, sketch, lifted, options)
-    structured, lines = _round(views, sketch, rays, edges, drawn, priors, state, None, options)
+    structured, lines = _round(views, sketch, rays, edges, drawn, lifted, priors, state, None, options)
     fourth = fourth_corners(sketch, structured.scene, open_above=options.open_above * views.depth_per_pixel * _distance(views, structured.scene))
     if len(fourth.corner):
         priors = joined(priors, fourth)
-        structured, lines = _round(views, sketch, rays, edges, drawn, priors, _oriented(views, sketch, _state_of(structured.scene)), None, options)
+        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, priors, _oriented(views, sketch, _state_of(structured.scene)), None, options)
     anchor = Anchor(structured.scene.points, structured.scene.point_covariance)
     for turn in range(options.rounds):
         progress("Refining corners and planes", 1 + turn, 1 + options.rounds)
         state = _oriented(views, sketch, _state_of(structured.scene))
-        structured, lines = _round(views, sketch, rays, edges, drawn, priors, state, anchor, options)
+        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, priors, state, anchor, options)
     progress("Refining corners and planes", 1 + options.rounds, 1 + options.rounds)
     notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
     return Structure(structured.scene, structured.relations, structured.adjacency, notes)
@@ -127,6 +127,7 @@ def _round(
     rays: MarkRays,
     edges: Sequence[tuple[int, int, int]],
     drawn: dict[tuple[int, int], bool],
+    lifted: Lifted,
     priors: CornerPriors,
     state: _State,
     anchor: Anchor | None,
@@ -142,7 +143,7 @@ def _round(
         sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known, options.on_plane * views.depth_per_pixel
     )
     evidence = Evidence(
-        plane_points=plane_points(views, estimates, options.faces),
+        plane_points=_with_lifted(plane_points(views, estimates, options.faces), lifted, state, options.lift.plane_sigma * views.depth_per_pixel * _distance(views, state)),
         marks=_marks(views, rays, options.click_sigma * views.scale),
         lines=corner_lines(lines, state.points),
         priors=priors,
@@ -151,9 +152,29 @@ def _round(
     return adjust_structure(sketch, start, evidence, proposed, options.adjust), lines
 
 
-def _distance(views: Views, scene: PlanarScene) -> float:
+def _with_lifted(measured: PlanePoints, lifted: Lifted, state: _State, sigma: float) -> PlanePoints:
+    """The measured planes, and for faces that no reference view could measure again, the plane from which they were lifted."""
+    missing = np.nonzero(lifted.from_pixels & ~np.isin(np.arange(len(lifted.normals)), measured.face))[0]
+    faces, points = [measured.face], [measured.point]
+    for f in missing:
+        corners = lifted.points[list(lifted.corners[f])]
+        corners = corners[np.isfinite(corners).all(axis=1)]
+        if len(corners) >= 3:
+            center = corners.mean(axis=0)
+            spread = corners - center
+            onto = spread - np.outer(spread @ lifted.normals[f], lifted.normals[f])
+            center = center - (center @ lifted.normals[f] - lifted.offsets[f]) * lifted.normals[f]
+            _, size, axes = np.linalg.svd(onto / np.sqrt(len(corners)))
+            turns = 2 * np.pi * np.arange(3) / 3
+            faces.append(np.full(3, f))
+            points.append(center + np.sqrt(2.0) * (np.cos(turns)[:, None] * size[0] * axes[0] + np.sin(turns)[:, None] * size[1] * axes[1]))
+    count = sum(len(f) for f in faces[1:])
+    return PlanePoints(np.concatenate(faces), np.concatenate(points), np.concatenate([measured.sigma, np.full(count, sigma)]))
+
+
+def _distance(views: Views, scene: PlanarScene | _State) -> float:
     """From the cameras to the sketched scene, about."""
-    known = scene.points[scene.point_known]
+    known = scene.points[scene.point_known if isinstance(scene, PlanarScene) else scene.known]
     return float(np.median(np.linalg.norm(views.centers[:, None] - known[None], axis=2))) if len(known) else 1.0
 
 
