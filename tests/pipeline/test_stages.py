@@ -8,7 +8,9 @@ import pytest
 from planewright.errors import GeometryError, SketchError
 from planewright.features.follow import follow_features
 from planewright.geometry.camera import Intrinsics
-from planewright.pipeline.stages import StageOptions, checked_sketch, face_regions, find_cameras, without_distortion
+from planewright.pipeline.stages import StageOptions, check_structure, checked_sketch, face_regions, find_cameras, unused_marks, without_distortion
+from planewright.planes.planar_scene import PlanarScene
+from planewright.refine.rounds import Structure
 from planewright.sketch.graph import Sketch
 from planewright.synthetic.observe import draw, true_cameras
 from planewright.synthetic.refusals import object_on_turntable, rotating_camera
@@ -62,13 +64,39 @@ def test_regions_are_the_faces_as_they_were_marked(turntable_sketch: Sketch) -> 
 
 
 def test_errors_of_a_sketch_stop_the_walk_and_warnings_go_on(turntable_sketch: Sketch) -> None:
-    checked, notes = checked_sketch(turntable_sketch, info(num_frames=40))
+    checked, notes = checked_sketch(turntable_sketch, info(num_frames=40), range(40))
     assert checked.faces
     assert all(isinstance(note, str) for note in notes)
     with pytest.raises(SketchError, match="640x360"):
-        checked_sketch(turntable_sketch, info((640, 360), 40))
+        checked_sketch(turntable_sketch, info((640, 360), 40), range(40))
     with pytest.raises(SketchError):
-        checked_sketch(replace(turntable_sketch, points=(), edges=(), faces=()), info(num_frames=40))
+        checked_sketch(replace(turntable_sketch, points=(), edges=(), faces=()), info(num_frames=40), range(40))
+
+
+def test_marks_in_frames_that_are_left_out_are_told(turntable_sketch: Sketch) -> None:
+    frames = sorted({frame for point in turntable_sketch.points for frame in point.marks})
+    with pytest.raises(SketchError, match=f"frames? {frames[0]}"):
+        unused_marks(turntable_sketch, [k for k in range(40) if k not in frames])
+    assert unused_marks(turntable_sketch, range(40)) == ()
+    twice = replace(turntable_sketch, points=tuple(replace(p, marks={**p.marks, 41: (1.0, 1.0)}) for p in turntable_sketch.points))
+    (note,) = unused_marks(twice, range(40))
+    assert "frame 41" in note
+
+
+def test_a_result_without_a_face_is_refused_with_the_reason(turntable_sketch: Sketch) -> None:
+    points, faces = len(turntable_sketch.points), len(turntable_sketch.faces)
+    scene = PlanarScene(
+        sketch=turntable_sketch,
+        points=np.full((points, 3), np.nan),
+        point_known=np.zeros(points, np.bool_),
+        point_covariance=np.full((points, 3, 3), np.nan),
+        normals=np.full((faces, 3), np.nan),
+        offsets=np.full(faces, np.nan),
+        face_known=np.zeros(faces, np.bool_),
+        plane_covariance=np.full((3 * faces, 3 * faces), np.nan),
+    )
+    with pytest.raises(GeometryError, match=r"no drawn face .* The front hides."):
+        check_structure(Structure(scene, (), (), ("The front hides.",)))
 
 
 def test_marks_move_to_where_the_undistorted_frame_shows_them(turntable_sketch: Sketch) -> None:

@@ -195,7 +195,7 @@ def test_files_are_read_and_their_troubles_told(tmp_path: Path) -> None:
         (b'{"format": "planewright-sketch", "version": 1, "points": [], "points": []}', "stands twice"),
         (b'{"format": NaN}', "finite"),
         (b'{"format": ' + b"[" * 200_000, "nested too deeply"),
-        (b'{"version": ' + b"9" * 10_000 + b"}", "sketch.json"),
+        (b'{"version": ' + b"9" * 10_000 + b"}", "10000 digits"),
     ]:
         path.write_bytes(content)
         with pytest.raises(SketchError, match=words) as raised:

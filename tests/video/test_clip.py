@@ -51,6 +51,7 @@ def test_a_subset_is_the_same_as_reading_everything(write_video: Write, number_i
         for number, image in some.items():
             assert_array_equal(image, everything[number])
     assert [number for number, _ in clip.color([7, 49])] == [7, 49]
+    assert list(clip.color([])) == list(clip.gray([])) == []
 
 
 def test_variable_frame_rate_keeps_numbers_and_times(write_video: Write, number_in: Read) -> None:
@@ -249,6 +250,15 @@ def test_a_clip_cut_short_is_used_as_far_as_it_goes(write_video: Write, number_i
     last = clip.info.num_frames - 1
     assert [number_in(image) for _, image in clip.gray([0, last // 2])] == [0, last // 2]
     assert len(list(clip.color(clip.numbers))) == last + 1
+
+
+def test_a_container_that_tells_only_its_length_is_missed_too(write_video: Write) -> None:
+    path = write_video("a.mkv", 90, images=list(np.random.default_rng(3).integers(0, 255, (90, 64, 96, 3), dtype=np.uint8)))
+    assert open_clip(path).info.warnings == ()
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    clip = open_clip(path)
+    assert clip.info.num_frames < 60
+    assert any("3.0 seconds" in sentence for sentence in clip.info.warnings)
 
 
 def test_damage_is_told_and_numbers_stay_those_of_a_full_reading(write_video: Write) -> None:

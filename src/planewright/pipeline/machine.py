@@ -1,18 +1,27 @@
 """What a run used of the machine, and on what it ran: for `run.json` and `planewright doctor`."""
 
+import contextlib
 import importlib.metadata
 import os
 import platform
 import re
 import sys
+from pathlib import Path
 
 import planewright
 
 
 def peak_memory_bytes() -> int | None:
-    """The largest amount of memory that this process has held so far, or None where the system does not say."""
+    """The largest amount of memory that this process has held so far, or None where the system does not say.
+
+    Linux counts the program that started this one in `ru_maxrss`, up to the moment of `exec`; its status file does not.
+    """
     if sys.platform == "win32":
         return None
+    with contextlib.suppress(OSError, ValueError):
+        for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
     import resource  # exists on POSIX only
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

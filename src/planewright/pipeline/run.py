@@ -22,7 +22,7 @@ from planewright.pipeline.machine import machine, peak_memory_bytes, versions
 from planewright.pipeline.plain import to_tree
 from planewright.pipeline.report import make_report
 from planewright.pipeline.result import Result, document, to_json
-from planewright.pipeline.stages import Filmed, StageOptions, checked_sketch, find_cameras, without_distortion
+from planewright.pipeline.stages import Filmed, StageOptions, check_structure, checked_sketch, find_cameras, without_distortion
 from planewright.pipeline.threads import limited_threads
 from planewright.pipeline.world import place
 from planewright.progress import Progress, silent
@@ -114,7 +114,7 @@ class _Run:
 
     def walk(self) -> Result:
         clip, stages, progress = self.clip, self.options.stages, self.progress
-        sketch, sketch_notes = checked_sketch(self.drawing, clip.info)
+        sketch, sketch_notes = checked_sketch(self.drawing, clip.info, clip.numbers)
         self.checkpoints.open()
 
         looked = self.finish("look", ClipFindings, lambda: inspect_clip(clip, progress=progress))
@@ -127,6 +127,7 @@ class _Run:
         structure = self.finish(
             "structure", Structure, lambda: refine_structure(frames, straight, cameras, points, stages.structure, rng=rng, progress=progress)
         )
+        check_structure(structure)
         placed = place(structure, cameras)
         structure, cameras, scene = placed.structure, placed.cameras, placed.structure.scene
         tracks = self.finish("tracks", Tracks, lambda: follow_corners(frames, scene, cameras, stages.corners, progress=progress))

@@ -11,7 +11,7 @@ from planewright.features.features import Features
 from planewright.features.follow import FollowOptions, follow_features
 from planewright.geometry.camera import Intrinsics
 from planewright.progress import Progress, silent
-from planewright.refine.rounds import RefineOptions
+from planewright.refine.rounds import RefineOptions, Structure
 from planewright.sfm.solve import Refused, SfmOptions, Solved, solve_cameras
 from planewright.sketch.checks import check_sketch
 from planewright.sketch.faces import find_faces
@@ -46,14 +46,37 @@ class Filmed:
     notes: tuple[str, ...]
 
 
-def checked_sketch(sketch: Sketch, clip: ClipInfo) -> tuple[Sketch, tuple[str, ...]]:
-    """The sketch with its faces, and what a person should know about it. Raises SketchError with everything that is wrong."""
+def checked_sketch(sketch: Sketch, clip: ClipInfo, numbers: Sequence[int]) -> tuple[Sketch, tuple[str, ...]]:
+    """The sketch with its faces, and what a person should know about it.
+
+    Args:
+        numbers: the frames that take part.
+
+    Raises:
+        SketchError: with everything that is wrong.
+    """
     found = find_faces(sketch)
     findings = check_sketch(found, image_size=clip.image_size, num_frames=clip.num_frames)
     errors = [finding.sentence for finding in findings if finding.severity == "error"]
     if errors:
         raise SketchError(" ".join(errors[:5]) + (f" There are {len(errors) - 5} more." if len(errors) > 5 else ""))
-    return found, tuple(finding.sentence for finding in findings if finding.severity == "warning")
+    return found, (*(finding.sentence for finding in findings if finding.severity == "warning"), *unused_marks(found, numbers))
+
+
+def unused_marks(sketch: Sketch, numbers: Sequence[int]) -> tuple[str, ...]:
+    """Says which marks lie in frames that do not take part. Raises SketchError where no face keeps three marked corners."""
+    taking_part = set(numbers)
+    marked = {point.id: taking_part.intersection(point.marks) for point in sketch.points}
+    idle = sorted({frame for point in sketch.points for frame in point.marks} - taking_part)
+    if not idle:
+        return ()
+    places = f"Marks in frame{'s' if len(idle) > 1 else ''} {', '.join(map(str, idle[:5]))}{', ...' if len(idle) > 5 else ''}"
+    if not any(sum(bool(marked[corner]) for corner in face.loop) >= 3 for face in sketch.faces):
+        raise SketchError(
+            f"{places} do not count, for those frames are left out, and without them no face has three marked corners. "
+            "Choose frames that include them, or mark the corners of a face in the frames that are used."
+        )
+    return (f"{places} are not used: those frames are left out.",)
 
 
 def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: StageOptions, rng: np.random.Generator, *, progress: Progress = silent) -> Filmed:
@@ -73,7 +96,7 @@ def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: St
     inside = follow_features(frames, options.features, regions=regions, progress=progress)
     second = solve_cameras(inside, np.array(frames.numbers), frames.image_size, known=sketch.camera, options=options.cameras, rng=rng, progress=progress)
     if isinstance(second, Refused):
-        also = "" if second.reason == first.reason else f" The drawn faces by themselves do not tell either: {second.reason}"
+        also = "" if second.code == first.code else f" The drawn faces by themselves do not tell either: {second.reason}"
         raise GeometryError(first.reason + also)
     return Filmed(second, (f"The cameras come from features on the drawn faces alone: {first.reason}",))
 
@@ -88,6 +111,14 @@ def face_regions(sketch: Sketch) -> Mapping[int, Sequence[Float[np.ndarray, "_co
             if len(polygon) >= 3:
                 regions.setdefault(frame, []).append(np.array(polygon, dtype=np.float64))
     return regions
+
+
+def check_structure(structure: Structure) -> None:
+    """Raises GeometryError where not one face could be placed: there is no model then."""
+    if structure.scene.face_known.any():
+        return
+    because = " ".join(structure.notes[:3])
+    raise GeometryError(f"The cameras were found, but no drawn face could be placed in space. {because}".strip() + " Mark the corners in one more frame.")
 
 
 def without_distortion(sketch: Sketch, lens: Intrinsics) -> Sketch:

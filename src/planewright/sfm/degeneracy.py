@@ -15,7 +15,7 @@ class Refused:
     """Why no cameras can be had, and what to film instead."""
 
     code: str
-    """too-few-features, static-camera, rotation-only, planar-scene, no-start, not-rigid or lost."""
+    """too-few-frames, too-few-features, static-camera, rotation-only, planar-scene, no-start, not-rigid or lost."""
     reason: str
     """Plain sentences."""
 
@@ -101,7 +101,13 @@ def rotation_spread(h: Mat3, image_size: tuple[int, int]) -> tuple[float, float]
 def check_features(table: FrameTable, keyframes: Int[np.ndarray, "keyframes"], image_size: tuple[int, int], options: GateOptions) -> Refused | None:
     """Too few features, or a camera that stands still."""
     counts = np.diff(table.start)
-    if table.num_frames < 3 or np.sort(counts)[-3] < options.min_features:
+    if table.num_frames < 3:
+        return Refused(
+            "too-few-frames",
+            f"{table.num_frames} frame{'s do' if table.num_frames > 1 else ' does'} not tell where a camera was; 3 are the least and 30 a good start. "
+            "Give a longer clip, or more frames of it.",
+        )
+    if np.sort(counts)[-3] < options.min_features:
         return Refused(
             "too-few-features",
             f"Hardly anything in this clip can be followed: its best frames hold {int(counts.max(initial=0))} features, and {options.min_features} are needed. "

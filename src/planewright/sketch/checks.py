@@ -103,7 +103,10 @@ def _check_marks(sketch: Sketch, image_size: tuple[int, int] | None, num_frames:
         where = f"points[{shown(point.id)}]"
         for frame, (x, y) in point.marks.items():
             if num_frames is not None and frame >= num_frames:
-                sentence = f"Point {shown(point.id)} is marked in frame {frame}; the clip has {num_frames} (0 to {num_frames - 1}). Take the mark out."
+                length = f"frames 0 to {num_frames - 1}" if num_frames != 1 else "one frame, frame 0,"
+                sentence = (
+                    f"Point {shown(point.id)} is marked in frame {frame}; the clip has {length} only. Take the mark out, or give the clip it was drawn on."
+                )
                 yield Finding("error", FindingCode.MARK_OUTSIDE_CLIP, sentence, where)
             if any(first <= frame <= last for first, last in point.hidden):
                 sentence = f"Point {shown(point.id)} is marked in frame {frame}, where it is said to be hidden. Shorten the hidden span, or remove the mark."
@@ -116,6 +119,7 @@ def _check_marks(sketch: Sketch, image_size: tuple[int, int] | None, num_frames:
                 severity: Severity = "error" if beyond > max(image_size) else "warning"
                 size = f"{image_size[0]}x{image_size[1]}"
                 sentence = f"Point {shown(point.id)} is marked at ({x:g}, {y:g}) in frame {frame}, {beyond:g} pixels outside the picture of {size}."
+                sentence += " Move the mark." if severity == "error" else ""
                 yield Finding(severity, FindingCode.MARK_OUTSIDE_IMAGE, sentence, where)
 
 

@@ -8,11 +8,14 @@ from typing import NoReturn, cast
 
 from planewright.errors import SketchError
 
+_MOST_DIGITS = 100
+"""Of a whole number; Python takes quadratic time over long ones, and refuses beyond 4300 digits."""
+
 
 def parse_json(name: str, text: str) -> object:
     """The parsed text. Refuses NaN, infinity and keys that stand twice in one object. Raises SketchError."""
     try:
-        return json.loads(text.removeprefix("\ufeff"), parse_constant=_refuse_constant, object_pairs_hook=_unique)
+        return json.loads(text.removeprefix("\ufeff"), parse_constant=_refuse_constant, parse_int=_whole_number, object_pairs_hook=_unique)
     except json.JSONDecodeError as error:
         raise SketchError(f"{shown(name)} is not valid JSON: {error.msg} (line {error.lineno}, column {error.colno}). Correct it there.") from error
     except RecursionError as error:
@@ -133,6 +136,12 @@ class Place:
 def _kind(value: object) -> str:
     names: dict[type, str] = {bool: "true or false", str: "text", int: "a number", float: "a number", list: "a list", dict: "an object", type(None): "null"}
     return names.get(type(value), "something else")
+
+
+def _whole_number(text: str) -> int:
+    if len(text) > _MOST_DIGITS:
+        raise ValueError(f"a number of {len(text)} digits stands in it; {_MOST_DIGITS} are enough for any")
+    return int(text)
 
 
 def _refuse_constant(name: str) -> NoReturn:

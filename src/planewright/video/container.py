@@ -103,7 +103,8 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
         raise VideoError(f"{path.name} is a {container.format.name} file; mp4, mov, mkv, webm, avi, ts and gif are read. Convert it to one of these.")
     if not container.streams.video:
         kinds = sorted({stream.type or "unknown data" for stream in container.streams})
-        raise VideoError(f"{path.name} holds no pictures, only {' and '.join(kinds) or 'nothing'}. Choose a file with video in it.")
+        instead = f", only {' and '.join(kinds)}" if kinds else ""
+        raise VideoError(f"{path.name} holds no pictures{instead}. Choose a file with video in it.")
     # A phone may add a still cover picture as a second stream; the stream that plays longest is the clip.
     return max(container.streams.video, key=lambda stream: (stream.frames, -stream.index))
 

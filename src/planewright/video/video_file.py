@@ -28,6 +28,9 @@ _WORTH_A_SEEK = 8
 _FIXED_RATE = 0.02
 """A clip whose mean rate is this close to the rate in its header has that rate; beyond, its rate varies and the mean is told."""
 
+_CUT_SHORT_SECONDS = 0.5
+"""A container's length counts its sound as well, which may go on a little longer than the pictures."""
+
 
 @dataclass(frozen=True, eq=False)
 class VideoIndex:
@@ -74,13 +77,15 @@ def scan_video(path: Path, limits: VideoLimits, progress: Progress) -> VideoInde
         if expected * context.width * context.height > limits.scan_pixels:
             scan = _scan_packets(path, container, stream, limits, progress)
         if scan is not None:
-            return _index(path, stream, scan, limits)
+            return _index(path, stream, scan, limits, _promised_seconds(container))
     with opened_video(path, limits, threads=1, draft=True) as (container, stream):
-        return _index(path, stream, _scan_frames(path, container, stream, limits, progress), limits)
+        return _index(path, stream, _scan_frames(path, container, stream, limits, progress), limits, _promised_seconds(container))
 
 
 def read_video(path: Path, index: VideoIndex, numbers: Sequence[int], limits: VideoLimits) -> Iterator[tuple[int, av.VideoFrame]]:
     """The numbered frames (increasing). Jumps ahead where a key frame lies between. Raises VideoError."""
+    if not len(numbers):
+        return
     done = 0
     # Frame threads give the same pictures as one thread on an intact stream; on a damaged one the concealment may differ.
     with opened_video(path, limits, threads=2 if index.intact else 1) as (container, stream):
@@ -204,7 +209,7 @@ def _scan_packets(path: Path, container: InputContainer, stream: VideoStream, li
     return scan
 
 
-def _index(path: Path, stream: VideoStream, scan: _Scan, limits: VideoLimits) -> VideoIndex:
+def _index(path: Path, stream: VideoStream, scan: _Scan, limits: VideoLimits, promised: float) -> VideoIndex:
     count = len(scan.pts)
     if not count:
         because = f" ({scan.broken_off})" if scan.broken_off else ""
@@ -220,6 +225,8 @@ def _index(path: Path, stream: VideoStream, scan: _Scan, limits: VideoLimits) ->
         warnings.append(f"The file breaks off after {count} frames ({scan.broken_off}); those are used.")
     elif stream.frames > 1.02 * count + 1:
         warnings.append(f"The file promises {stream.frames} frames; {count} could be decoded and are used. It may be cut short.")
+    elif not stream.frames and promised > seconds[-1] + 1 / fps + max(_CUT_SHORT_SECONDS, 0.05 * promised):
+        warnings.append(f"The file promises {promised:.1f} seconds; its pictures end after {seconds[-1]:.1f} and are used so far. It may be cut short.")
     if scan.damaged:
         how_much = "More than 5 % of the clip is" if share > 0.05 else "Parts of the clip are"
         warnings.append(f"{how_much} damaged: {scan.damaged} of {scan.packets} packets. Pictures there may repeat or show blocks.")
@@ -260,9 +267,12 @@ def _orientation(frame: av.VideoFrame, stream: VideoStream) -> Orientation:
     return Orientation(int(np.rint(-np.arctan2(b, a) / (np.pi / 2))) % 4, mirrored, scale)
 
 
+def _promised_seconds(container: InputContainer) -> float:
+    return max(0.0, (container.duration or 0) / av.time_base)
+
+
 def _expected_frames(container: InputContainer, stream: VideoStream) -> float:
-    seconds = (container.duration or 0) / av.time_base
-    return max(0.0, seconds) * float(stream.average_rate or 0)
+    return _promised_seconds(container) * float(stream.average_rate or 0)
 
 
 def _clock(frame: av.VideoFrame) -> str:
