@@ -1,0 +1,67 @@
+"""Views of the shed, and of one endless wall that no renderer drew."""
+
+import numpy as np
+import pytest
+
+from planewright.lifting.photometric import PhotometricOptions, Reference, reference_from_mask
+from planewright.lifting.views import Views, load_views
+from planewright.synthetic.motion import look_at
+
+
+@pytest.fixture(scope="session")
+def shed_views(shed) -> Views:
+    marked = {frame for point in shed.sketch.points for frame in point.marks}
+    return load_views(shed.frames, shed.cameras, shed.cloud, marked)
+
+
+class Wall:
+    """A plane with a smooth print, seen by nine cameras on an arc of about 40 degrees; grey values are exact but for rounding.
+
+    contrast: of the print, grey levels. noise: standard deviation of the pixels.
+    """
+
+    normal = np.array([0.1, -1.0, 0.15]) / np.linalg.norm([0.1, -1.0, 0.15])
+    offset = 0.2
+    size = (160, 120)
+
+    def __init__(self, contrast: float = 60.0, noise: float = 0.0):
+        rng = np.random.default_rng(3)
+        calibration = np.array([[150.0, 0.0, 80.0], [0.0, 150.0, 60.0], [0.0, 0.0, 1.0]])
+        y, x = np.mgrid[0:120, 0:160]
+        rays = np.stack([x + 0.5, y + 0.5, np.ones(x.shape)], axis=-1) @ np.linalg.inv(calibration).T
+        images, rotations, translations = [], [], []
+        for angle in np.radians(np.linspace(-110, -70, 9)):
+            pose = look_at(np.array([3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.6]), np.zeros(3))
+            center = -pose.rotation.T @ pose.translation
+            directions = rays @ pose.rotation
+            hits = center + directions * ((self.offset - center @ self.normal) / (directions @ self.normal))[..., None]
+            image = 128.0 + contrast * self.print(hits) + noise * rng.standard_normal(x.shape)
+            images.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+            rotations.append(pose.rotation)
+            translations.append(pose.translation)
+        self.views = Views(np.arange(9), np.stack(images), 1.0, calibration, np.array(rotations), np.array(translations), 0.01)
+
+    @staticmethod
+    def print(points: np.ndarray) -> np.ndarray:
+        """Between -1 and 1; the shortest wave is ten pixels long in the middle view."""
+        waves = np.array([[29.0, 3.0, 5.0], [-8.0, 2.0, 25.0], [14.0, 4.0, -17.0]])
+        return np.sin(points @ waves.T + [0.3, 1.1, 2.0]).mean(axis=-1)
+
+    def reference(self, view: int = 4, options: PhotometricOptions = PhotometricOptions()) -> Reference:
+        """The middle half of a view."""
+        mask = np.zeros((120, 160), bool)
+        mask[30:90, 40:120] = True
+        found = reference_from_mask(self.views, view, mask, options)
+        assert found is not None
+        return found
+
+
+@pytest.fixture(scope="session")
+def wall() -> Wall:
+    return Wall()
+
+
+@pytest.fixture(scope="session")
+def bare_wall() -> Wall:
+    """The same wall with a print as faint as the blotches of plain plaster, and noise."""
+    return Wall(contrast=4.0, noise=0.7)
