@@ -51,11 +51,12 @@ def test_faces_are_measured_to_a_fraction_of_what_they_start_off(shed, shed_view
     found = measure_faces(shed_views, turned, offsets, scene.face_known, owners)
     measured = {e.face for e in found}
     assert len(measured) >= len(scene.sketch.faces) - 1
-    for f in measured:
-        tilt = [angle_deg(e.normal, scene.normals[f]) for e in found if e.face == f]
-        assert np.median(tilt) < 0.6, scene.sketch.faces[f].id
-    off = [abs(e.offset - scene.offsets[e.face]) for e in found]
-    assert np.median(off) < 0.003
+    tilt = [np.median([angle_deg(e.normal, scene.normals[f]) for e in found if e.face == f]) for f in measured]
+    assert np.median(tilt) < 0.5
+    points = plane_points(shed_views, found)
+    error = (points.point * scene.normals[points.face]).sum(axis=1) - scene.offsets[points.face]
+    assert (np.abs(error) < 3 * points.sigma).all()
+    assert np.median(np.abs(error)) < 0.002 * shed.clip.scene.diagonal
 
 
 def test_a_face_that_is_not_known_is_not_measured_and_neither_is_one_that_shows_its_back(shed, shed_views, owners: np.ndarray) -> None:
@@ -142,8 +143,8 @@ def test_an_estimate_that_stands_alone_is_left_out(shed, shed_views, owners: np.
 
 def test_the_same_is_measured_twice(shed, shed_views, owners: np.ndarray) -> None:
     scene = shed.scene
-    runs = [plane_points(shed_views, measure_faces(shed_views, scene.normals, scene.offsets, scene.face_known, owners)) for _ in range(2)]
+    known = np.arange(len(scene.normals)) < 2
+    runs = [plane_points(shed_views, measure_faces(shed_views, scene.normals, scene.offsets, known, owners)) for _ in range(2)]
+    assert len(runs[0].sigma) > 0
     assert runs[0].point.tobytes() == runs[1].point.tobytes()
     assert runs[0].sigma.tobytes() == runs[1].sigma.tobytes()
-    moved = replace(shed_views, images=shed_views.images[:, ::-1].copy())
-    assert plane_points(moved, measure_faces(moved, scene.normals, scene.offsets, scene.face_known, owners)).point.tobytes() != runs[0].point.tobytes()
