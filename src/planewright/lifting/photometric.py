@@ -311,7 +311,7 @@ def refine(
         allowed = np.nonzero(inside & (shift <= limit) & (shift > 0.15 * limit))[0]
         if len(allowed) < 4:
             allowed = np.nonzero(inside & (shift <= limit))[0]
-        final = limit >= reach or limit >= last_shift
+        final = bool(limit >= reach or limit >= last_shift)
         if len(allowed) >= 2:
             targets = _spread(allowed, options.views_per_stage + 4 * final)
             plane, now = descend(views, reference, targets, plane, options, owners=owners, face=face)
