@@ -450,7 +450,7 @@ def _finish(lifter: _Lifter, from_corners: set[int]) -> Lifted:
         notes.append(f"Point {lifter.sketch.points[c].id}: no depth found; mark it in a second frame.")
     return Lifted(
         lifter.points, lifter.known.copy(), normals, offsets, known,
-        np.array([known[f] and f not in from_corners for f in range(faces)]), tuple(map(tuple, lifter.corners)), tuple(notes),
+        np.array([known[f] and f not in from_corners for f in range(faces)], bool), tuple(map(tuple, lifter.corners)), tuple(notes),
     )  # fmt: skip
 
 
