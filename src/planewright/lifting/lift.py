@@ -415,6 +415,8 @@ def lift_sketch(
     """Planes and corners of the sketch in the world, as far as the views give them."""
     lifter = _Lifter(views, sketch, scene, options, rng)
     from_corners: set[int] = set()
+    if not sketch.faces:
+        lifter.locate()  # by marks alone; the rounds are about faces
     for turn in range(options.rounds):
         open_faces = [f for f in range(lifter.num_faces) if lifter.choice[f] is None or f in from_corners]
         if not open_faces:
