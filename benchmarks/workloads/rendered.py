@@ -7,12 +7,25 @@ from pathlib import Path
 
 import planewright.synthetic
 from benchmarks.workloads.workload import ClipFiles, Workload
-from planewright.synthetic import SyntheticClip, demo_scene, object_on_turntable, rotating_camera, single_plane, still_camera, toy_house, write_clip
+from planewright.synthetic import (
+    SyntheticClip,
+    boxes,
+    demo_scene,
+    desktop,
+    hall,
+    library,
+    object_on_turntable,
+    rotating_camera,
+    single_plane,
+    still_camera,
+    toy_house,
+    write_clip,
+)
 
 
 def rendered() -> list[Workload]:
     """The shed twice (other paint, other tremor) and without drawn faces, the toy house, one with bare walls through a lens that bends lines,
-    a turntable, and three that must be refused.
+    cartons, a hall, a desk and a library from the air, a turntable, and three that must be refused.
     """
     size = (640, 360)
     return [
@@ -21,6 +34,10 @@ def rendered() -> list[Workload]:
         Workload("demo_edges", partial(_draw, demo_scene, with_faces=False), quick=True),
         Workload("toy_house", partial(_draw, toy_house)),
         Workload("bare_house", partial(_draw, partial(toy_house, 150, bare=True, seed=1, distortion=(-0.08, 0.02)))),
+        Workload("boxes", partial(_draw, boxes)),
+        Workload("hall", partial(_draw, hall)),
+        Workload("desktop", partial(_draw, desktop)),
+        Workload("library", partial(_draw, library)),
         Workload("turntable", partial(_draw, partial(object_on_turntable, 80, size))),
         Workload("still_camera", partial(_draw, partial(still_camera, 40, size)), expected_status=4, quick=True),
         Workload("rotating_camera", partial(_draw, partial(rotating_camera, 40, size)), expected_status=4, quick=True),

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from planewright.geometry.rigid import rotation_angle
-from planewright.synthetic import demo_scene, toy_house
-from planewright.synthetic.motion import draw_tremor, look_at
+from planewright.synthetic import demo_scene, desktop, hall, toy_house
+from planewright.synthetic.motion import Walk, draw_tremor, look_at
 
 
 def test_a_camera_looks_at_its_target_upright() -> None:
@@ -26,8 +26,19 @@ def test_a_tremor_has_the_asked_deviation() -> None:
 
 
 def test_a_path_is_smooth_and_stays_so_on_long_clips() -> None:
-    for clip in (demo_scene(80), demo_scene(3000), toy_house(300)):
+    for clip in (demo_scene(80), demo_scene(3000), toy_house(300), hall(350), desktop(150)):
         poses = [clip.path.cam_from_world(k / 4) for k in range(0, 400)]
         turn = np.degrees([rotation_angle(b.rotation, a.rotation) for a, b in pairwise(poses)])
         assert turn.max() < 0.8  # a quarter of a frame
         assert np.abs(np.diff(turn)).max() < 0.1
+
+
+def test_a_walk_comes_to_its_places_at_equal_times_and_looks_at_its_targets() -> None:
+    rng = np.random.default_rng(4)
+    places = rng.uniform(-1.0, 1.0, (5, 3))
+    targets = places + np.array([0.0, 6.0, 0.0]) + rng.uniform(-1.0, 1.0, (5, 3))
+    walk = Walk(200, places, targets, draw_tremor(0.0, 0.0, rng))
+    for k in range(5):
+        pose = walk.cam_from_world(50.0 * k - 0.5)
+        assert_allclose(-pose.rotation.T @ pose.translation, places[k], atol=1e-12)
+        assert_allclose(pose.apply(targets[k][None])[0], [0.0, 0.0, np.linalg.norm(targets[k] - places[k])], atol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from planewright.synthetic.scene import Surface, blob, box, loop_normal, pillar, quad
+from planewright.synthetic.scene import Surface, blob, box, loop_normal, pillar, quad, sketched_box
 from planewright.synthetic.textures import plaster
 
 PAINT = plaster((100, 100, 100))
@@ -43,3 +43,13 @@ def test_a_loop_looks_to_where_it_runs_counter_clockwise() -> None:
     side = quad((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 1.0), PAINT, 50.0)
     assert_allclose(side.normal, [0.0, -1.0, 0.0])
     assert_allclose(loop_normal(side.loops[0][::-1]), [0.0, 1.0, 0.0])
+
+
+def test_a_sketched_box_has_the_sides_that_were_asked_for_and_hides_with_the_others() -> None:
+    whole = box((1.0, 2.0, 0.5), (0.8, 0.6, 0.4), 33.0, PAINT, 50.0)
+    half = sketched_box("b", (1.0, 2.0, 0.5), (0.8, 0.6, 0.4), 33.0, ("s", "e", "top"))
+    assert [f.id for f in half.faces] == ["b_s", "b_e", "b_top"]
+    assert set(half.points) == {f"b_{k}" for k in (0, 1, 2, 4, 5, 6, 7)}  # the foot behind belongs to no side that was asked for
+    loops = [np.array([half.points[k] for k in f.loop]) for f in half.faces] + [np.array(loop) for loop in half.hidden]
+    for k, side in enumerate((0, 1, 4, 2, 3)):
+        assert_allclose(loops[k], whole[side].loops[0], atol=1e-12)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from planewright.synthetic.textures import Painter, books, bricks, door, octaves, planks, plaster, print_on, shingles, siding, speckled, window
+from planewright.synthetic.textures import Painter, books, bricks, door, octaves, parcel, planks, plaster, print_on, screen, shingles, siding, speckled, window
 
 PAINTERS: list[Callable[[], Painter]] = [
     lambda: bricks((178, 96, 70), (205, 196, 184)),
@@ -18,6 +18,8 @@ PAINTERS: list[Callable[[], Painter]] = [
     lambda: speckled((52, 98, 34), (118, 158, 62)),
     lambda: plaster((188, 196, 200)),
     lambda: print_on((206, 204, 196)),
+    lambda: parcel((168, 126, 82)),
+    screen,
     books,
     window,
     door,

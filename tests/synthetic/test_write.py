@@ -34,6 +34,7 @@ def test_who_stops_the_drawing_is_obeyed(tmp_path: Path) -> None:
 
     with pytest.raises(Cancelled):
         write_clip(demo_scene(6, (160, 90)), tmp_path, progress=stop)
+    assert not list(tmp_path.glob("*.mp4")) and not list(tmp_path.glob(".*"))
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:

@@ -1,11 +1,15 @@
 """Scenes with known truth: for tests, benchmarks, examples and the demo."""
 
+from planewright.synthetic.boxes import boxes as boxes
 from planewright.synthetic.clip import SyntheticClip as SyntheticClip
+from planewright.synthetic.desktop import desktop as desktop
 from planewright.synthetic.difficulty import Difficulty as Difficulty
 from planewright.synthetic.difficulty import clip_difficulty as clip_difficulty
 from planewright.synthetic.difficulty import difficulty as difficulty
+from planewright.synthetic.hall import hall as hall
 from planewright.synthetic.houses import demo_scene as demo_scene
 from planewright.synthetic.houses import toy_house as toy_house
+from planewright.synthetic.library import library as library
 from planewright.synthetic.observe import draw as draw
 from planewright.synthetic.observe import true_cameras as true_cameras
 from planewright.synthetic.observe import true_tracks as true_tracks

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from planewright.geometry.camera import Intrinsics
-from planewright.synthetic.motion import Path
+from planewright.synthetic.motion import Motion
 from planewright.synthetic.render import CompiledScene, RenderedFrames, Renderer, RenderOptions, compile_scene
 from planewright.synthetic.scene import Scene
 
@@ -17,7 +17,7 @@ class SyntheticClip:
 
     name: str
     scene: Scene
-    path: Path
+    path: Motion
     intrinsics: Intrinsics
     options: RenderOptions
 

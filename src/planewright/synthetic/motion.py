@@ -1,8 +1,10 @@
 """Where a hand holds the camera: a slow sweep around the scene with the tremor of an arm, smooth in time."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from planewright.arrays import Float, Vec3
 from planewright.geometry.rigid import Rigid, rotations_from_vectors
@@ -89,3 +91,37 @@ class Path:
         """Where the moving object stands at a time in frames."""
         turn = np.radians(self._along(self.turntable_deg, time))
         return Rigid(rotations_from_vectors(np.array([[0.0, 0.0, turn]]))[0], np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """A camera path through given places, each with what the camera looks at there; places follow each other at equal times. With tremor."""
+
+    num_frames: int
+    places: Float[np.ndarray, "places 3"]
+    """Where the camera is, scene units."""
+    targets: Float[np.ndarray, "places 3"]
+    """What it looks at, scene units."""
+    tremor: Tremor
+
+    @cached_property
+    def _smooth(self) -> CubicSpline:
+        """Place and target over the share of the clip; natural at both ends."""
+        return CubicSpline(np.linspace(0.0, 1.0, len(self.places)), np.column_stack([self.places, self.targets]), bc_type="natural")
+
+    def cam_from_world(self, time: float) -> Rigid:
+        """Pose at a time in frames."""
+        at = np.asarray(self._smooth((time + 0.5) / self.num_frames), float)
+        offset = self.tremor.at(time)
+        center = at[:3] + offset[:3]
+        rotation = rotations_from_vectors(offset[None, 3:])[0] @ look_at(center, at[3:]).rotation
+        return Rigid(rotation, -rotation @ center)
+
+    def world_from_object(self, time: float) -> Rigid:
+        """Nothing moves but the camera."""
+        del time
+        return Rigid(np.eye(3), np.zeros(3))
+
+
+Motion = Path | Walk
+"""How a camera, and the moving object if there is one, go through a clip; in continuous time."""

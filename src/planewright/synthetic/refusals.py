@@ -17,6 +17,7 @@ _SIZE = (320, 180)
 def still_camera(num_frames: int = 24, size: tuple[int, int] = _SIZE, seed: int = 0) -> SyntheticClip:
     """The shed from a tripod: nothing moves but the noise."""
     clip = demo_scene(num_frames, size, seed)
+    assert isinstance(clip.path, Path)  # the shed is walked around
     middle = 0.5 * sum(clip.path.azimuth_deg)
     still = draw_tremor(0.0, 0.0, np.random.default_rng(seed))
     return replace(clip, name="still_camera", path=replace(clip.path, azimuth_deg=(middle, middle), height=(2.6, 2.6), tremor=still))
@@ -25,6 +26,7 @@ def still_camera(num_frames: int = 24, size: tuple[int, int] = _SIZE, seed: int 
 def rotating_camera(num_frames: int = 24, size: tuple[int, int] = _SIZE, seed: int = 0) -> SyntheticClip:
     """The shed from one place, the camera panning by 16 degrees with a tremor of its turn only: no parallax."""
     clip = still_camera(num_frames, size, seed)
+    assert isinstance(clip.path, Path)
     tremor = draw_tremor(0.0, 0.4, np.random.default_rng((seed, 3)))
     return replace(clip, name="rotating_camera", path=replace(clip.path, pan_deg=(-8.0, 8.0), tremor=tremor))
 

@@ -10,7 +10,7 @@ import numpy as np
 from planewright.arrays import Bool, ColorImage, Float, GrayImage, Int, UInt8
 from planewright.geometry.camera import Intrinsics
 from planewright.synthetic import kernels
-from planewright.synthetic.motion import Path
+from planewright.synthetic.motion import Motion
 from planewright.synthetic.polygons import Polygons, flatten
 from planewright.synthetic.scene import Scene, Surface
 from planewright.synthetic.textures import Painter
@@ -75,7 +75,7 @@ def _pyramid(image: Float[np.ndarray, "rows columns 3"]) -> list[UInt8[np.ndarra
 
 
 def _rays(scene: Scene) -> tuple[Float[np.ndarray, "sun 3"], Float[np.ndarray, "sky 3"]]:
-    """Eight places on the sun's disc (6 degrees wide: soft shadows), and 48 directions of the sky that look half a diagonal far."""
+    """Eight places on the sun's disc (6 degrees wide: soft shadows), and 48 directions of the sky as long as it looks far."""
     golden = np.pi * (3 - 5**0.5)
     toward = np.asarray(scene.sun, float) / np.linalg.norm(scene.sun)
     side = np.cross(toward, [0.3, 0.5, 0.81])
@@ -86,7 +86,7 @@ def _rays(scene: Scene) -> tuple[Float[np.ndarray, "sun 3"], Float[np.ndarray, "
     m = np.arange(48)
     share = (m + 0.5) / 48
     sky = np.column_stack([np.sqrt(share) * np.cos(golden * m), np.sqrt(share) * np.sin(golden * m), np.sqrt(1 - share)])
-    return 3.0 * scene.diagonal * (toward + disc), 0.5 * scene.diagonal * sky
+    return 3.0 * scene.diagonal * (toward + disc), scene.sky_reach * scene.diagonal * sky
 
 
 def compile_scene(scene: Scene, seed: int) -> CompiledScene:
@@ -151,7 +151,7 @@ class Renderer:
 
     scene: Scene
     compiled: CompiledScene
-    path: Path
+    path: Motion
     intrinsics: Intrinsics
     options: RenderOptions
 

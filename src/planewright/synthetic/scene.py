@@ -51,6 +51,8 @@ class Scene:
     """Direction towards the sun."""
     ambient: float = 0.5
     """Share of the light that comes from the whole sky."""
+    sky_reach: float = 0.5
+    """How far a surface shades others from the sky, as a share of the diagonal; small in a room, where walls would shut out all light."""
     background: tuple[float, float, float] = (150.0, 155.0, 160.0)
     """Colour where no surface is hit."""
 
@@ -96,6 +98,33 @@ def box(center: Sequence[float | int], size: Sequence[float | int], turn_deg: fl
     lift = np.array([0.0, 0.0, float(size[2])])
     sides = [Surface((np.stack([ring[i], ring[(i + 1) % 4], ring[(i + 1) % 4] + lift, ring[i] + lift]),), paint, density) for i in range(4)]
     return (*sides, Surface((ring + lift,), paint, density))
+
+
+@dataclass(frozen=True, eq=False)
+class SketchedBox:
+    """A box that stands upright, of which some sides are sketched; the other sides are there to hide what is behind them."""
+
+    points: dict[str, tuple[float, float, float]]
+    """The corners of the sketched sides: NAME_0 to NAME_3 at the foot (south-west, then counter-clockwise from above), NAME_4 to NAME_7 above them."""
+    faces: tuple[TrueFace, ...]
+    """NAME_s, NAME_e, NAME_n, NAME_w, NAME_top: those that were asked for."""
+    hidden: tuple[tuple[tuple[float, float, float], ...], ...]
+    """Loops of the other upright sides."""
+
+
+def sketched_box(name: str, center: Sequence[float | int], size: Sequence[float | int], turn_deg: float, sides: Sequence[str]) -> SketchedBox:
+    """A box on z = `center[2]`, turned about the vertical; `sides` are among s, e, n, w (before the turn) and top."""
+    turn = np.radians(turn_deg)
+    low = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * np.asarray(size, float)[:2]
+    ring = low @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + np.asarray(center, float)[:2]
+    corners = [(float(x), float(y), float(center[2]) + lift) for lift in (0.0, float(size[2])) for x, y in ring]
+    loops = {side: (i, (i + 1) % 4, 4 + (i + 1) % 4, 4 + i) for i, side in enumerate("senw")} | {"top": (4, 5, 6, 7)}
+    used = sorted({i for side in sides for i in loops[side]})
+    return SketchedBox(
+        {f"{name}_{i}": corners[i] for i in used},
+        tuple(TrueFace(f"{name}_{side}", tuple(f"{name}_{i}" for i in loops[side])) for side in sides),
+        tuple(tuple(corners[i] for i in loop) for side, loop in loops.items() if side not in sides),
+    )
 
 
 def pillar(center: Sequence[float | int], radius: float, height: float, sides: int, paint: Painter, density: float) -> tuple[Surface, ...]:

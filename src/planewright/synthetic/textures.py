@@ -231,3 +231,55 @@ def books(shelf: float = 0.7) -> Painter:
         return image * (1 + 0.06 * octaves(u.shape, (0.1 * density, 0.1 * density), rng, 0.8))[..., None]
 
     return paint
+
+
+def parcel(color: Color, tape: Color = (196, 168, 120), mirrored: bool = False) -> Painter:
+    """Cardboard: fine ribs, a strip of tape along the middle, an address label, an arrow, and a line of print."""
+
+    def paint(width: float, height: float, density: float, rng: np.random.Generator) -> Image:
+        u, v = _grid(width, height, density)
+        ribs = np.sin(2 * np.pi * u / 0.03) if density > 100 else 0 * u
+        board = 0.05 * octaves(u.shape, (0.25 * density, 0.25 * density), rng, 0.8) + 0.015 * ribs
+        image = np.ascontiguousarray(_tone(color, board))
+        scale = min(width, height)
+
+        def at(x: float, y: float) -> tuple[int, int]:
+            return round((1 - x if mirrored else x) * image.shape[1]), round(y * image.shape[0])
+
+        strip = np.abs(v - 0.5 * height) < 0.06 * scale
+        image[strip] = (0.25 * image + 0.75 * _tone(tape, 0.04 * octaves(u.shape, (0.05 * density, 0.4 * density), rng, 0.8)))[strip]
+        cv2.rectangle(image, at(0.56, 0.1), at(0.92, 0.38), (236, 233, 226), -1)
+        for k in range(4):
+            y = 0.15 + 0.05 * k
+            cv2.line(image, at(0.6, y), at(float(rng.uniform(0.72, 0.88)), y), (50, 48, 52), max(1, int(0.012 * scale * density)))
+        for x in np.cumsum(rng.uniform(0.006, 0.02, 18)):
+            cv2.line(image, at(0.6 + float(x), 0.33), at(0.6 + float(x), 0.37), (20, 20, 24), max(1, int(0.005 * scale * density)))
+        arrow = np.array([at(0.12, 0.36), at(0.12, 0.22), at(0.08, 0.22), at(0.15, 0.1), at(0.22, 0.22), at(0.18, 0.22), at(0.18, 0.36)], np.int32)
+        cv2.fillPoly(image, [arrow], (64, 44, 36))
+        for k in range(9):
+            height_of = float(rng.uniform(0.05, 0.11))
+            cv2.rectangle(image, at(0.1 + 0.07 * k, 0.82 - height_of), at(0.14 + 0.07 * k, 0.82), tuple(float(c) for c in rng.uniform(20, 110, 3)), -1)
+        return image
+
+    return paint
+
+
+def screen(color: Color = (30, 44, 66)) -> Painter:
+    """A lit screen: windows with title bars and lines of text on a dark ground."""
+
+    def paint(width: float, height: float, density: float, rng: np.random.Generator) -> Image:
+        u, _ = _grid(width, height, density)
+        image = np.ascontiguousarray(_tone(color, 0.2 * octaves(u.shape, (0.5 * density, 0.5 * density), rng, 0.6)))
+        rows, columns = u.shape
+        for _ in range(4):
+            x, y = int(rng.uniform(0.03, 0.5) * columns), int(rng.uniform(0.05, 0.5) * rows)
+            right, low = x + int(rng.uniform(0.25, 0.42) * columns), y + int(rng.uniform(0.25, 0.4) * rows)
+            cv2.rectangle(image, (x, y), (right, low), (226, 228, 230), -1)
+            cv2.rectangle(image, (x, y), (right, y + max(2, rows // 30)), tuple(float(c) for c in rng.uniform(40, 170, 3)), -1)
+            for line in range(y + rows // 16, low - rows // 50, max(3, rows // 36)):
+                start = x + columns // 60
+                end = start + int(rng.uniform(0.3, 0.9) * (right - x - columns // 30))
+                cv2.line(image, (start, line), (end, line), tuple(float(c) for c in rng.uniform(20, 120, 3)), max(1, rows // 110))
+        return image
+
+    return paint

@@ -8,6 +8,7 @@ import av
 import numpy as np
 
 from planewright.errors import OutputError
+from planewright.export.atomic import whole_file, write_whole
 from planewright.progress import Progress, silent, steps
 from planewright.sketch.graph import Sketch
 from planewright.synthetic.clip import SyntheticClip
@@ -23,21 +24,16 @@ def write_video(clip: SyntheticClip, file: Path, crf: int = 23, fps: int = 30, *
     Raises OutputError where the file cannot be written.
     """
     width, height = clip.intrinsics.image_size
-    try:
-        with av.open(str(file), "w") as container:
-            stream = container.add_stream(
-                "libx264", rate=fps, options={"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": "cpu-independent=1"}
-            )
-            stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-            stream.time_base = Fraction(1, fps)
-            renderer = clip.renderer
-            for number in steps(range(clip.num_frames), "Drawing frames", progress):
-                frame = av.VideoFrame.from_ndarray(renderer.frame(number), format="rgb24")
-                frame.pts = number
-                container.mux(stream.encode(frame))
-            container.mux(stream.encode(None))
-    except OSError as error:
-        raise OutputError(f"The clip cannot be written to {file.name}: {error.strerror or error}. Choose another folder, or free some space.") from error
+    with whole_file(file) as temporary, av.open(str(temporary), "w") as container:
+        stream = container.add_stream("libx264", rate=fps, options={"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": "cpu-independent=1"})
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.time_base = Fraction(1, fps)
+        renderer = clip.renderer
+        for number in steps(range(clip.num_frames), "Drawing frames", progress):
+            frame = av.VideoFrame.from_ndarray(renderer.frame(number), format="rgb24")
+            frame.pts = number
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
 
 
 def sketch_json(sketch: Sketch) -> dict[str, object]:
@@ -59,11 +55,11 @@ def write_clip(clip: SyntheticClip, folder: Path, with_faces: bool = True, *, pr
     """`clip.mp4`, `sketch.json` and `truth.json` in a folder that is made when missing; returns their paths. Without faces the sketch has edges only."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        video, drawing, known = folder / "clip.mp4", folder / "sketch.json", folder / "truth.json"
-        sketch = draw(clip, np.random.default_rng((clip.options.seed, 2)), with_faces=with_faces)
-        drawing.write_text(json.dumps(sketch_json(sketch), indent=1), encoding="utf-8")
-        known.write_text(json.dumps(truth(clip)), encoding="utf-8")
     except OSError as error:
-        raise OutputError(f"The truth cannot be written to {folder.name}: {error.strerror or error}. Choose another folder, or free some space.") from error
+        raise OutputError(f"The folder {folder} cannot be made: {error.strerror or error}. Choose another output folder.") from error
+    video, drawing, known = folder / "clip.mp4", folder / "sketch.json", folder / "truth.json"
+    sketch = draw(clip, np.random.default_rng((clip.options.seed, 2)), with_faces=with_faces)
+    write_whole(drawing, json.dumps(sketch_json(sketch), indent=1).encode())
+    write_whole(known, json.dumps(truth(clip)).encode())
     write_video(clip, video, progress=progress)
     return video, drawing, known
