@@ -168,10 +168,13 @@ def _measure(
         return None
     priors, middles = [], []
     for c in edge:
+        if not (np.isfinite(anchor.covariance[c]).all() and np.isfinite(anchor.points[c]).all()):
+            priors.append(options.max_search)
+            middles.append(0.0)
+            continue
         variance, away = float(across @ anchor.covariance[c] @ across), float(across @ (anchor.points[c] - points[c]))
-        sure = np.isfinite(variance) and np.isfinite(away)
-        priors.append(float(min(np.hypot(options.prior, np.sqrt(max(variance, 0.0)) / pixel), options.max_search)) if sure else options.max_search)
-        middles.append(away / pixel if sure else 0.0)
+        priors.append(float(min(np.hypot(options.prior, np.sqrt(max(variance, 0.0)) / pixel), options.max_search)))
+        middles.append(away / pixel)
     search = min(max(options.search * sigma + abs(middle) for sigma, middle in zip(priors, middles, strict=True)), options.max_search)
     reach = int(np.clip(np.ceil(search / options.step), 4, options.max_steps))
     step = search / reach
