@@ -41,4 +41,4 @@ def test_a_walk_comes_to_its_places_at_equal_times_and_looks_at_its_targets() ->
     for k in range(5):
         pose = walk.cam_from_world(50.0 * k - 0.5)
         assert_allclose(-pose.rotation.T @ pose.translation, places[k], atol=1e-12)
-        assert_allclose(pose.apply(targets[k][None])[0], [0.0, 0.0, np.linalg.norm(targets[k] - places[k])], atol=1e-12)
+        assert_allclose(pose.apply(targets[k][None])[0], [0.0, 0.0, float(np.linalg.norm(targets[k] - places[k]))], atol=1e-12)
