@@ -17,6 +17,7 @@ def test_the_demo_is_near_its_truth(run: Callable, tmp_path: Path) -> None:
     assert errors["normal_max_deg"] < 1
     assert errors["corner_rms_pct"] < 1
     assert errors["within_2px_pct"] > 80
+    assert 0 < errors["plain_lk_within_2px_pct"] < errors["within_2px_pct"]
     assert errors["parallel_recall"] == errors["orthogonal_recall"] == 1
     assert errors["near_misses_enforced"].startswith("0/")
     assert run("demo", "--output", tmp_path / "demo").returncode == 2

@@ -63,6 +63,12 @@ def test_names_from_files_stay_text(renamed, scene_clip: SyntheticClip, text: st
     assert text[:10].encode("utf-8", "replace").decode() in reader.text
 
 
+def test_control_characters_show_as_such(renamed, scene_clip: SyntheticClip) -> None:
+    text = page(renamed("a\x00b\x1b[31m\u202ec\x85"), scene_clip).text
+    assert not set(text) & set("\x00\x1b\u202e\x85")
+    assert "a\ufffdb\ufffd[31m\ufffdc\ufffd" in text
+
+
 def test_a_result_with_nothing_known_still_has_a_page(true_result: Result, scene_clip: SyntheticClip) -> None:
     scene = true_result.scene
     nothing = PlanarScene(

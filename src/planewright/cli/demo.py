@@ -10,12 +10,16 @@ from planewright.cli.reporting import reporting
 from planewright.errors import UsageError
 from planewright.export.atomic import write_whole
 from planewright.pipeline.run import RESULT_FILE
+from planewright.sketch.read import read_sketch
+from planewright.synthetic.difficulty import clip_difficulty
 from planewright.synthetic.houses import demo_scene
 from planewright.synthetic.score import Figures, score
 from planewright.synthetic.write import write_clip
+from planewright.video.clip import open_clip
 
 SHOWN = (
     ("within_2px_pct", "corners within 2 px of the truth", "{:.1f} %"),
+    ("plain_lk_within_2px_pct", "  the same by plain Lucas-Kanade, frame to frame", "{:.1f} %"),
     ("median_px", "median error of a corner", "{:.2f} px"),
     ("focal_error_pct", "focal length", "{:+.2f} %"),
     ("rotation_median_deg", "camera rotation, median", "{:.4f} degrees"),
@@ -39,7 +43,9 @@ def run(output: Path, *, seed: int, threads: int, force: bool, quiet: bool, json
         clip, sketch, truth = write_clip(demo_scene(seed=seed), output / "input", progress=progress)
     reconstruct.run(clip, sketch, output, frames=None, seed=seed, threads=threads, force=force, quiet=quiet, json=json)
     found = json_text.loads((output / RESULT_FILE).read_text(encoding="utf-8"))
-    figures = score(found, json_text.loads(truth.read_text(encoding="utf-8")))
+    known = json_text.loads(truth.read_text(encoding="utf-8"))
+    plain = clip_difficulty(open_clip(clip), read_sketch(sketch), known)
+    figures: Figures = score(found, known) | {"plain_lk_within_2px_pct": plain.within_2px_pct}
     write_whole(output / "errors.json", (json_text.dumps(figures, indent=1) + "\n").encode())
     if json:
         print(json_text.dumps({"event": "errors", "errors": figures}), flush=True)  # noqa: T201
@@ -54,4 +60,4 @@ def print_errors(figures: Figures) -> None:
     for key, words, form in SHOWN:
         value = figures.get(key)
         if value is not None:
-            console.print(f"  {words:46}{form.format(value)}")
+            console.print(f"  {words:50}{form.format(value)}")

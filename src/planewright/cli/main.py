@@ -6,7 +6,7 @@ import tempfile
 import traceback
 from typing import NoReturn
 
-from planewright.cli.interrupt import STOPPED, install
+from planewright.cli.interrupt import STOPPED, install, leave
 from planewright.errors import Cancelled, PlanewrightError
 
 LONGEST_MESSAGE = 2000
@@ -16,7 +16,11 @@ LONGEST_MESSAGE = 2000
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     install()
-    sys.exit(run())
+    status = run()
+    if status == STOPPED:
+        # Python's own way out waits for the threads of decoders and kernels: up to a second on a busy machine, after the answer was given.
+        leave(STOPPED)
+    sys.exit(status)
 
 
 def run() -> int:

@@ -9,6 +9,9 @@ from planewright.export.atomic import write_whole
 from planewright.export.up import metres_per_unit, y_up_from_world
 from planewright.model.planar_model import PlanarModel
 
+LONGEST_WORD = 120
+"""Characters of a name; many readers of OBJ take lines of limited length."""
+
 
 def write_obj(model: PlanarModel, path: Path) -> None:
     """The model as OBJ, y up, in metres where a length is known; one object a face. Raises OutputError."""
@@ -40,7 +43,7 @@ def encode_obj(model: PlanarModel, path: Path) -> dict[Path, bytes]:
 
 def one_word(name: str) -> str:
     """A name that cannot be taken for anything else in a line of text: letters, digits, and `._-`; everything else becomes `_`."""
-    word = "".join(letter if letter.isalnum() or letter in "._-" else "_" for letter in name)
+    word = "".join(letter if letter.isalnum() or letter in "._-" else "_" for letter in name[:LONGEST_WORD])
     return word or "_"
 
 

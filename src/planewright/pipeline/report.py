@@ -24,7 +24,12 @@ def make_report(frames: Frames, result: Result, stages: Sequence[tuple[str, str]
         progress: called for each frame that is drawn.
     """
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("planewright.pipeline"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.PackageLoader("planewright.pipeline"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=visible,
     )
     page = environment.get_template("report.html.j2").render(
         name=result.clip.name,
@@ -42,6 +47,15 @@ def make_report(frames: Frames, result: Result, stages: Sequence[tuple[str, str]
         facts=facts,
     )
     return page.encode("utf-8", "replace")
+
+
+UNSEEN = {code: "\N{REPLACEMENT CHARACTER}" for code in (*range(9), 11, 12, *range(14, 32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A))}
+"""Characters that HTML forbids, and those that turn the direction of the text after them."""
+
+
+def visible(value: object) -> object:
+    """Text without control characters; everything else, and what the page's own macros made, as it is."""
+    return value.translate(UNSEEN) if type(value) is str else value
 
 
 def tiles(result: Result) -> list[tuple[str, str, str]]:
