@@ -1,0 +1,137 @@
+"""Corners in every frame: near the truth, within what is claimed, in pixels as displayed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planewright.geometry.camera import Intrinsics
+from planewright.geometry.rigid import rotations_from_vectors
+from planewright.synthetic.observe import true_tracks
+from planewright.tracking.follow import follow_corners
+from planewright.tracking.tracks import State, Tracks
+
+
+@pytest.fixture(scope="module")
+def tracks(shed) -> Tracks:
+    return follow_corners(shed.frames, shed.scene, shed.cameras)
+
+
+def errors(shed, tracks: Tracks) -> np.ndarray:
+    return tracks.xy - shed.pixels(shed.scene.points)[tracks.frame, tracks.point_index]
+
+
+def test_rows_are_sorted_by_point_then_frame_and_no_place_is_claimed_twice(tracks: Tracks) -> None:
+    key = tracks.point_index * 1000 + tracks.frame
+    assert (np.diff(key) > 0).all()
+
+
+def test_corners_are_where_the_truth_is_and_the_covariance_says_how_well(shed, tracks: Tracks) -> None:
+    tracked = tracks.state == State.TRACKED
+    off = errors(shed, tracks)[tracked]
+    assert np.median(np.linalg.norm(off, axis=1)) < 0.15
+    assert np.percentile(np.linalg.norm(off, axis=1), 99) < 0.8
+    distance = np.einsum("ni,nij,nj->n", off, np.linalg.inv(tracks.covariance[tracked]), off)
+    assert (distance < 9.2).mean() > 0.97  # chi squared of two, 99 %
+
+
+def test_covariances_are_symmetric_and_positive_definite(tracks: Tracks) -> None:
+    assert_allclose(tracks.covariance, tracks.covariance.transpose(0, 2, 1), atol=1e-12)
+    assert np.linalg.eigvalsh(tracks.covariance).min() > 0.3**2
+
+
+def test_a_corner_that_the_model_knows_less_well_has_a_larger_covariance(shed) -> None:
+    covariance = shed.scene.point_covariance.copy()
+    covariance[2] *= 900.0
+    vague = follow_corners(shed.frames, replace(shed.scene, point_covariance=covariance), shed.cameras)
+    size = [np.median(np.trace(vague.covariance[vague.point_index == i], axis1=1, axis2=2)) for i in range(len(covariance))]
+    assert size[2] > 10 * np.delete(size, 2).max()
+
+
+def test_states_say_how_a_place_is_known(shed, tracks: Tracks) -> None:
+    _, visible, in_image = true_tracks(shed.clip)
+    rows = [list(shed.clip.scene.points).index(point.id) for point in shed.sketch.points]
+    visible, in_image = visible[rows], in_image[rows]
+    claimed = np.full(visible.shape, -1)
+    claimed[tracks.point_index, tracks.frame] = tracks.state
+    for i, point in enumerate(shed.sketch.points):
+        for frame in point.marks:
+            assert claimed[i, frame] == State.MARKED
+    open_to_doubt = claimed != State.MARKED
+    assert (claimed[open_to_doubt & ~in_image] != State.TRACKED).all()
+    # What nobody sketched hides a corner now and then; the model cannot know.
+    assert (claimed == State.TRACKED)[visible & open_to_doubt].mean() > 0.98
+    assert (claimed == State.HIDDEN)[in_image & ~visible & open_to_doubt].mean() > 0.6
+
+
+def test_what_the_person_says_is_hidden_is_hidden(shed) -> None:
+    points = list(shed.sketch.points)
+    points[0] = replace(points[0], hidden=((3, 5), (30, 31)))
+    found = follow_corners(shed.frames, replace(shed.scene, sketch=replace(shed.sketch, points=tuple(points))), shed.cameras)
+    spans = (found.point_index == 0) & np.isin(found.frame, [3, 4, 5, 30, 31])
+    assert spans.sum() == 5
+    marked = np.isin(found.frame[spans], list(points[0].marks))
+    assert (found.state[spans][~marked] == State.HIDDEN).all()
+
+
+def test_a_corner_without_a_place_in_space_is_only_where_it_was_marked(shed) -> None:
+    known = np.ones(len(shed.scene.points), bool)
+    known[4] = False
+    points = shed.scene.points.copy()
+    points[4] = np.nan
+    found = follow_corners(shed.frames, replace(shed.scene, points=points, point_known=known), shed.cameras)
+    mine = found.point_index == 4
+    assert_array_equal(found.frame[mine], sorted(shed.sketch.points[4].marks))
+    assert_allclose(found.xy[mine], [xy for _, xy in sorted(shed.sketch.points[4].marks.items())])
+    assert (found.state[mine] == State.MARKED).all()
+    assert np.isfinite(found.covariance).all()
+
+
+def test_places_are_as_displayed_with_the_lens_distortion(shed, tracks: Tracks) -> None:
+    """The frames are those of the pinhole; the tracks are to lie on the frames of the lens that bends them."""
+    pinhole = shed.clip.intrinsics
+    lens = Intrinsics(pinhole.focal, pinhole.principal_point, pinhole.image_size, (-0.12, 0.03))
+    bent = follow_corners(shed.frames, shed.scene, replace(shed.cameras, intrinsics=lens))
+    where = {(int(i), int(k)): row for row, (i, k) in enumerate(zip(bent.point_index, bent.frame, strict=True))}
+    rows = np.array([where[int(i), int(k)] for i, k in zip(tracks.point_index, tracks.frame, strict=True) if (int(i), int(k)) in where])
+    straight = np.array([row for row, (i, k) in enumerate(zip(tracks.point_index, tracks.frame, strict=True)) if (int(i), int(k)) in where])
+    assert_allclose(bent.xy[rows], lens.to_pixels(pinhole.normalize(tracks.xy[straight])), atol=1e-9)
+    assert np.linalg.norm(bent.xy[rows] - tracks.xy[straight], axis=1).max() > 2
+
+
+def test_a_frame_whose_camera_is_off_is_put_right_by_its_own_edges(shed, tracks: Tracks) -> None:
+    rotation = shed.cameras.rotation.copy()
+    turn = np.array([[0.0, 1.2 / shed.clip.intrinsics.focal, 0.0]])  # moves the picture by 1.2 pixels
+    rotation[20] = rotations_from_vectors(turn)[0] @ rotation[20]
+    translation = shed.cameras.translation.copy()
+    translation[20] = rotations_from_vectors(turn)[0] @ translation[20]
+    off = replace(shed.cameras, rotation=rotation, translation=translation)
+    found = follow_corners(shed.frames, shed.scene, off)
+    here = (found.frame == 20) & np.isin(found.state, [State.TRACKED, State.MARKED])
+    assert np.median(np.linalg.norm(errors(shed, found)[here], axis=1)) < 0.5
+    other = found.frame == 10
+    assert_allclose(found.xy[other], tracks.xy[tracks.frame == 10], atol=0.05)
+
+
+def test_frames_without_a_pose_have_no_rows(shed) -> None:
+    posed = shed.cameras.posed.copy()
+    posed[[0, 7]] = False
+    found = follow_corners(shed.frames, shed.scene, replace(shed.cameras, posed=posed))
+    assert not np.isin(found.frame, [0, 7]).any()
+    assert len(np.unique(found.frame)) == 38
+
+
+def test_nothing_known_gives_the_marks_alone(shed) -> None:
+    nothing = replace(
+        shed.scene, points=np.full_like(shed.scene.points, np.nan), point_known=np.zeros(len(shed.scene.points), bool),
+        normals=np.full_like(shed.scene.normals, np.nan), face_known=np.zeros(len(shed.scene.normals), bool),
+    )  # fmt: skip
+    found = follow_corners(shed.frames, nothing, shed.cameras)
+    assert len(found.frame) == sum(len(point.marks) for point in shed.sketch.points)
+
+
+def test_the_same_is_found_twice(shed, tracks: Tracks) -> None:
+    again = follow_corners(shed.frames, shed.scene, shed.cameras)
+    assert again.xy.tobytes() == tracks.xy.tobytes()
+    assert again.covariance.tobytes() == tracks.covariance.tobytes()
