@@ -60,7 +60,7 @@ def hall(num_frames: int = 350, size: tuple[int, int] = (960, 540), seed: int = 
         quad((0.9, 6.43, 2.2), (-1.4, 0, 0), (0, 0, 0.4), paints["sign"], density),
         quad((-0.3, 6.4, 2.6), (0.02, 0, 0), (0, 0, top - 2.6), plaster((60, 60, 64)), density),
         quad((0.7, 6.4, 2.6), (0.02, 0, 0), (0, 0, top - 2.6), plaster((60, 60, 64)), density),
-        quad((-0.7, 4.6, 0.004), (1.5, 0, 0), (0, 3.2, 0), print_on((112, 48, 44), 30, 0.25), density),
+        quad((-0.7, 4.6, 0.001), (1.5, 0, 0), (0, 3.2, 0), print_on((112, 48, 44), 30, 0.25), density),
     ]
     # Pictures and boards on the walls, 2 cm before them.
     for y, z, wide, high, paper, marks in ((0.7, 1.1, 1.1, 0.8, (206, 200, 184), 60), (4.1, 1.2, 0.9, 0.7, (120, 140, 150), 60),

@@ -53,19 +53,21 @@ def library(num_frames: int = 500, size: tuple[int, int] = (960, 540), seed: int
         "plaza": bricks((186, 170, 150), (150, 138, 122), 0.44, 0.44, 0.1), "lawn": speckled((84, 122, 48), (132, 150, 74), 0.14),
     }  # fmt: skip
     around: list[Surface] = [
-        quad((-45.0, -36.0, -0.03), (90.0, 0, 0), (0, 90.0, 0), speckled((112, 114, 92), (150, 142, 116), 0.35), 0.24 * density),
-        quad((-30.0, -9.6, -0.02), (60.0, 0, 0), (0, 2.2, 0), plaster((92, 92, 96), 0.07, 0.6), 0.5 * density),
-        quad((6.9, -7.4, -0.02), (1.8, 0, 0), (0, 40.0, 0), plaster((96, 94, 96), 0.07, 0.6), 0.4 * density),
-        *box((-7.4, 4.6, -0.03), (2.4, 3.0, 2.2), 12.0, bricks((176, 140, 116), (206, 196, 184), 0.5, 0.22), 0.6 * density),
-        *box((11.2, 3.0, -0.03), (3.0, 2.4, 1.8), -8.0, print_on((190, 186, 176), 4, 0.5), 0.5 * density),
-        *box((-1.5, 8.6, -0.03), (5.0, 2.2, 2.4), 4.0, window((190, 176, 160), (70, 84, 104), 6, 2), 0.5 * density),
+        # Layers of the ground lie closer together than light starts above a surface (2e-3), so that none darkens the one below it.
+        quad((-45.0, -36.0, -0.0012), (90.0, 0, 0), (0, 90.0, 0), speckled((112, 114, 92), (150, 142, 116), 0.35), 0.24 * density),
+        quad((-8.6, -7.3, -0.0008), (15.4, 0, 0), (0, 14.0, 0), speckled((118, 118, 98), (152, 144, 120), 0.25), 0.5 * density),
+        quad((-30.0, -9.6, -0.0004), (60.0, 0, 0), (0, 2.2, 0), plaster((92, 92, 96), 0.07, 0.6), 0.5 * density),
+        quad((6.9, -7.4, -0.0004), (1.8, 0, 0), (0, 40.0, 0), plaster((96, 94, 96), 0.07, 0.6), 0.4 * density),
+        *box((-7.4, 4.6, -0.0012), (2.4, 3.0, 2.2), 12.0, bricks((176, 140, 116), (206, 196, 184), 0.5, 0.22), 0.6 * density),
+        *box((11.2, 3.0, -0.0012), (3.0, 2.4, 1.8), -8.0, print_on((190, 186, 176), 4, 0.5), 0.5 * density),
+        *box((-1.5, 8.6, -0.0012), (5.0, 2.2, 2.4), 4.0, window((190, 176, 160), (70, 84, 104), 6, 2), 0.5 * density),
     ]
     leaves = speckled((44, 84, 32), (104, 142, 58), 0.1)
     bark = plaster((96, 74, 54), 0.1)
     trees = [(1.3, -4.4, 1.2), (2.0, -1.5, 1.0), (5.0, -1.3, 1.3), (4.7, -4.9, 1.1), (-4.6, -3.6, 1.2), (-2.4, -5.7, 1.0), (-0.9, -3.6, 0.9), (-4.6, 0.2, 1.5)]
     trees += [(-5.2, 2.8, 1.6), (6.3, 3.8, 1.5), (0.6, 5.2, 1.6), (-6.8, -2.6, 1.3)]
     for x, y, high in trees:
-        around += pillar((x, y, -0.03), 0.07, high, 6, bark, 0.6 * density)
+        around += pillar((x, y, -0.0012), 0.07, high, 6, bark, 0.6 * density)
         around += blob((x, y, high), (0.46 * high, 0.46 * high, 0.5 * high), 0.14, leaves, 0.8 * density, rng)
     hidden = [Surface((np.array(loop),), pale, 0.6 * density) for b in buildings for loop in b.hidden]
     hidden.append(quad((east, north, 0.0), (west - east, 0, 0), (0, 0, eaves), stone, 0.6 * density))
