@@ -1,6 +1,7 @@
 """Every error becomes a sentence on standard error and an exit status; what came from a file stays text."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,14 @@ def test_an_unforeseen_error_asks_for_a_report_and_keeps_the_details(
     assert "report" in said
     assert "Traceback" not in said
     assert "the details" in log.read_text(encoding="utf-8")
+
+
+def test_a_path_that_the_system_refuses_is_the_users_to_correct(planewright: Callable, tmp_path: Path) -> None:
+    name = "x" * 5000
+    for words in (("export", name, "--format", "obj", "--output", tmp_path / "a.obj"), ("reconstruct", "a.mp4", "--sketch", "s", "--output", tmp_path / name)):
+        outcome = planewright(*words)
+        assert outcome.status == 3
+        assert "Check the path." in outcome.err
 
 
 def test_a_developer_may_ask_for_the_traceback(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ import traceback
 from typing import NoReturn
 
 from planewright.cli.interrupt import STOPPED, install, leave
-from planewright.errors import Cancelled, PlanewrightError
+from planewright.errors import Cancelled, InputError, PlanewrightError
 
 LONGEST_MESSAGE = 2000
 """Characters; ids and names in a message come from files and may be long."""
@@ -38,6 +38,12 @@ def run() -> int:
         return error.exit_status
     except SystemExit as done:
         return done.code if isinstance(done.code, int) else int(done.code is not None)
+    except OSError as error:
+        # A path that the system refuses to look at, such as a name that is too long. Files that are read or written have their own words.
+        if error.filename is None:
+            return unexpected(error)
+        say(f"{error.filename}: {error.strerror}. Check the path.")
+        return InputError.exit_status
     except Exception as error:
         return unexpected(error)
     return 0

@@ -172,6 +172,7 @@ class _Run:
         """All files of the result; the one that marks it as finished comes last."""
         start = time.perf_counter()
         remove_leftovers(folder)
+        (folder / RESULT_FILE).unlink(missing_ok=True)  # of the result that is replaced: a run that breaks off from here on is unfinished
         write_whole(folder / "model.glb", encode_glb(result.model))
         report = make_report(self.clip, result, [(stage.name, _time(stage)) for stage in self.stages], self.facts(result), progress=self.progress)
         write_whole(folder / "report.html", report)
