@@ -25,7 +25,7 @@ def model_views(model: PlanarModel, cameras: Cameras) -> list[Picture]:
     lens, poses = model_poses(model, cameras)
     return [
         Picture(
-            f"{mode.capitalize()}, turned by {turn:+.0f} degrees",
+            f"{mode.capitalize()}, {f'turned by {turn:+.0f} degrees' if turn else 'as filmed'}",
             float(SIZE[0]),
             float(SIZE[1]),
             image=data_uri(render_model(model, pose, lens, mode), SIZE[0]),
