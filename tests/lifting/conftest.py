@@ -15,7 +15,7 @@ def shed_views(shed) -> Views:
 
 
 class Wall:
-    """A plane with a smooth print, seen by nine cameras on an arc of about 40 degrees; grey values are exact but for rounding.
+    """A plane with a smooth print, seen by nine cameras that walk away along an arc of 40 degrees; grey values are exact but for rounding.
 
     contrast: of the print, grey levels. noise: standard deviation of the pixels.
     """
@@ -30,8 +30,8 @@ class Wall:
         y, x = np.mgrid[0:120, 0:160]
         rays = np.stack([x + 0.5, y + 0.5, np.ones(x.shape)], axis=-1) @ np.linalg.inv(calibration).T
         images, rotations, translations = [], [], []
-        for angle in np.radians(np.linspace(-110, -70, 9)):
-            pose = look_at(np.array([3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.6]), np.zeros(3))
+        for angle, radius in zip(np.radians(np.linspace(-110, -70, 9)), np.linspace(2.6, 3.4, 9), strict=True):
+            pose = look_at(np.array([radius * np.cos(angle), radius * np.sin(angle), 0.6]), np.zeros(3))
             center = -pose.rotation.T @ pose.translation
             directions = rays @ pose.rotation
             hits = center + directions * ((self.offset - center @ self.normal) / (directions @ self.normal))[..., None]
@@ -47,10 +47,10 @@ class Wall:
         waves = np.array([[29.0, 3.0, 5.0], [-8.0, 2.0, 25.0], [14.0, 4.0, -17.0]])
         return np.sin(points @ waves.T + [0.3, 1.1, 2.0]).mean(axis=-1)
 
-    def reference(self, view: int = 4, options: PhotometricOptions = PhotometricOptions()) -> Reference:
-        """The middle half of a view."""
+    def reference(self, view: int = 4, options: PhotometricOptions = PhotometricOptions(), half: tuple[int, int] = (40, 30)) -> Reference:
+        """The middle of a view, twice `half` wide and high."""
         mask = np.zeros((120, 160), bool)
-        mask[30:90, 40:120] = True
+        mask[60 - half[1] : 60 + half[1], 80 - half[0] : 80 + half[0]] = True
         found = reference_from_mask(self.views, view, mask, options)
         assert found is not None
         return found

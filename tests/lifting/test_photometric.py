@@ -115,9 +115,13 @@ def test_a_mask_of_fewer_than_forty_pixels_is_no_reference(wall) -> None:
 
 
 @pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.004, -0.002, 0.003), (-0.003, 0.004, -0.002)])
-def test_gradient_and_hessian_are_those_of_the_cost(wall, off: tuple[float, float, float]) -> None:
-    """By finite differences, with a sigma floor that keeps the weights still; the image's slope is a difference over two pixels, hence 5 %."""
-    reference, targets, noise = wall.reference(), np.array([1, 3, 5, 7]), 40.0
+@pytest.mark.parametrize("half", [(40, 30), (10, 8)])
+def test_gradient_and_hessian_are_those_of_the_cost(wall, off: tuple[float, float, float], half: tuple[int, int]) -> None:
+    """By finite differences, with a sigma floor that keeps the weights still; the image's slope is a difference over two pixels, hence 5 %.
+
+    On the small patch the print looks much like light that slopes, and the information that is left is a fifth less.
+    """
+    reference, targets, noise = wall.reference(half=half), np.array([1, 3, 5, 7]), 40.0
     plane = true_plane(wall, reference) + off
 
     def at(moved: np.ndarray):
@@ -136,7 +140,7 @@ def test_gradient_and_hessian_are_those_of_the_cost(wall, off: tuple[float, floa
         assert np.linalg.norm((gradient - here.gradient) / scale) < 0.08 * np.linalg.norm(here.gradient / scale)
     else:
         normalized = (hessian + hessian.T) / 2 / np.outer(scale, scale)
-        assert_allclose(normalized, here.hessian / np.outer(scale, scale), atol=0.1)
+        assert_allclose(normalized, here.hessian / np.outer(scale, scale), atol=0.06)
 
 
 def test_gain_bias_and_light_that_slopes_over_the_face_do_not_move_the_plane(wall) -> None:
