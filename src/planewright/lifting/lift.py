@@ -12,16 +12,19 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from planewright.arrays import Bool, Float, UInt8, Vec3
+from planewright.arrays import Bool, Float, Int, UInt8, Vec3
 from planewright.geometry.plane import fit_plane
 from planewright.lifting.photometric import (
     PhotometricOptions,
+    PhotometricPlane,
     Reference,
     hypotheses,
+    photo_cost,
     plane_from_scene_points,
     plane_from_world,
     plane_to_world,
     reference_from_mask,
+    relative_sigma,
 )
 from planewright.lifting.rays import MarkRays, mark_rays, meet, triangulate_marks
 from planewright.lifting.views import Views
@@ -40,14 +43,20 @@ class LiftOptions:
     plane_sigma: float = 3.0
     """Depth error allowed to a plane on top of what the click gives, in pixels of motion (`Views.depth_per_pixel`); formal sigmas of
     planes are far too small."""
-    rounds: int = 4
+    rounds: int = 5
     """How often faces that found no plane try again with the corners known by then."""
     same_depth: float = 2.5
-    """A face drawn over another must stand this far before it, in pixels of motion, or is taken to show the other's pixels."""
+    """A face is hidden by another drawn over it that stands this far before it, in pixels of motion."""
+    worth: float = 0.25
+    """A plane must explain the pixels it shares with another drawn face better than that face's by this much a pixel (log-likelihood)."""
 
 
-EXPLAINED = 16.0
-"""Energy a share of pixels that other faces explain, above a quarter: a face all of whose pixels are another's outweighs any ZNCC."""
+EXPLAINED = 40.0
+"""Energy a share of pixels that other faces explain, above 0.3: nothing else outweighs a face all of whose pixels show others."""
+
+
+DEPTHS = 0.3
+"""Spread of the logarithms of depths in a scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +66,15 @@ class Hypothesis:
     normal: Vec3
     offset: float
     quality: float
-    """Mean ZNCC over the views; 0.5 where pixels did not take part."""
+    """Mean ZNCC over the views; -0.5 where pixels did not take part: any plane that they agree with goes first."""
     view: int
     """View in which it was found, -1 where it comes from corners."""
     probe: Float[np.ndarray, "probe 3"]
     """Points of the plane spread over the face, as seen in that view."""
     covered: Bool[np.ndarray, "probe faces"]
     """Which other faces are drawn over each of them in that view."""
+    found: PhotometricPlane | None = None
+    """The pixels' own account, where there is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +109,28 @@ class _Lifter:
         self.known = np.zeros(self.num_points, bool)
         self.spread = np.full(self.num_points, np.inf)  # relative depth sigma of known points
         self.found: list[list[Hypothesis]] = [[] for _ in range(self.num_faces)]
+        self.masks: dict[int, dict[int, UInt8[np.ndarray, "height width"]]] = {}
+        self.triangulated = self.triangulate()
         self.tried: set[tuple[int, int, int]] = set()
         self.choice: list[Hypothesis | None] = [None] * self.num_faces
         self.rho_ranges: dict[int, tuple[float, float]] = {}
         self.mark_sigma = options.click_sigma * views.scale
         self.plane_sigma = options.plane_sigma * views.depth_per_pixel
         self.same_depth = options.same_depth * views.depth_per_pixel
+
+    def triangulate(self) -> dict[int, tuple[float, float]]:
+        """Corners marked in frames far enough apart: depth along the first mark's ray, and its relative sigma."""
+        out: dict[int, tuple[float, float]] = {}
+        for c in range(self.num_points):
+            rows = self.rays.of_point(c)
+            hit = triangulate_marks(self.rays, rows)
+            if hit is None or hit[1] < np.radians(4.0):
+                continue
+            first = rows[0]
+            depth = float((hit[0] - self.rays.origin[first]) @ self.views.rotation[self.rays.view[first]][2])
+            if depth > 0:
+                out[c] = (depth, float(2.0 * self.mark_sigma / (self.views.calibration[0, 0] * np.sin(hit[1]))))
+        return out
 
     # -- polygons -----------------------------------------------------------------------------------------------
 
@@ -197,6 +224,7 @@ class _Lifter:
         starts = [start for start in [plane_from_scene_points(self.views, reference, polygon, self.scene.xyz, self.rng)] if start is not None]
         starts += self.hinges(face, reference)
         planes = hypotheses(self.views, reference, rho_range, starts, self.options.photometric)
+        self.masks.setdefault(view, {}).update(others)
         probes = reference.pixels[:: max(1, len(reference.pixels) // 24)].astype(int)
         covered = np.zeros((len(probes), self.num_faces), bool)
         for other, theirs in others.items():
@@ -204,7 +232,7 @@ class _Lifter:
         out: list[Hypothesis] = []
         for found in planes:
             normal, offset = plane_to_world(self.views, reference, found.plane)
-            out.append(Hypothesis(normal, offset, found.zncc * min(1.0, 2 * found.share), view, self.on_plane(view, probes + 0.5, normal, offset), covered))
+            out.append(Hypothesis(normal, offset, found.zncc * min(1.0, 2 * found.share), view, self.on_plane(view, probes + 0.5, normal, offset), covered, found))
         return out
 
     def on_plane(self, view: int, pixels: Float[np.ndarray, "probe 2"], normal: Vec3, offset: float) -> Float[np.ndarray, "probe 3"]:
@@ -248,16 +276,16 @@ class _Lifter:
             rows = self.rays.of_point(c)[:1]
             if len(rows):
                 depth, slope = meet(self.rays, rows, guess.normal, guess.offset)
-                sigma = float(np.hypot(slope[0] * self.mark_sigma, self.plane_sigma))
-                out[c] = (float(depth[0]), sigma)
+                at = self.rays.origin[rows[0]] + depth[0] * self.rays.direction[rows[0]]
+                own = relative_sigma(self.views, guess.found, at) if guess.found is not None else 0.0
+                out[c] = (float(depth[0]), float(np.sqrt((slope[0] * self.mark_sigma) ** 2 + self.plane_sigma**2 + own**2)))
         return out
 
-    def choose(self) -> None:
+    def choose(self) -> float:
         """Pick one hypothesis or none a face, so that planes agree at shared corners and no two faces share their pixels.
 
-        Energy: -(2 + 2 ZNCC) a chosen plane; for each corner two chosen faces share, -1 where their depths agree up to +5 where
-        they do not; up to +12 where its pixels are explained by other chosen faces drawn there, nearer or as near. Minimized by
-        iterated conditional modes from several orders; the lowest wins.
+        Energy: -(2 + 2 ZNCC) a chosen plane; `_disagreement` for each corner two chosen faces share; up to +28 where its pixels are
+        explained by other chosen faces drawn there. Minimized by iterated conditional modes from several orders; the lowest wins. Returns its energy.
         """
         depths = [[self.corner_depths(f, h) for h in self.found[f]] for f in range(self.num_faces)]
         usable = [[h for h, d in enumerate(depths[f]) if all(z > 0 for z, _ in d.values())] for f in range(self.num_faces)]
@@ -272,7 +300,7 @@ class _Lifter:
                 if labels[g] >= 0:
                     key = (f, h, int(g), labels[g])
                     if key not in behind_cache:
-                        behind_cache[key] = mine.covered[:, g] & self.behind(mine, self.found[g][labels[g]])
+                        behind_cache[key] = mine.covered[:, g] & self.explains(mine, int(g), self.found[g][labels[g]])
                     by_others |= behind_cache[key]
             return float(by_others.mean())
 
@@ -286,19 +314,18 @@ class _Lifter:
 
         def unary(f: int, h: int) -> float:
             guess = self.found[f][h]
-            energy = -(2.0 + 2.0 * max(guess.quality, 0.0))
+            energy = -(2.0 + 2.0 * guess.quality)
             for c, (z, sigma) in depths[f][h].items():
-                if self.known[c] and np.isfinite(self.spread[c]) and self.choice[f] is None:
-                    there = self.depth_of(c)
-                    if there > 0:
-                        energy += _disagreement(np.log(z / there), np.hypot(sigma, self.spread[c]))
+                if c in self.triangulated:
+                    there, sure = self.triangulated[c]
+                    energy += _disagreement(np.log(z / there), np.hypot(sigma, sure))
             return energy
 
         def energy_of(labels: list[int]) -> float:
             total = 0.0
             for f, h in enumerate(labels):
                 if h >= 0:
-                    total += unary(f, h) + EXPLAINED * max(0.0, explained(f, h, labels) - 0.25)
+                    total += unary(f, h) + EXPLAINED * max(0.0, explained(f, h, labels) - 0.3)
                     total += sum(pair(f, h, g, labels[g]) for g in neighbours[f] if g > f and labels[g] >= 0)
             return total
 
@@ -314,7 +341,7 @@ class _Lifter:
                     costs = [(0.0, -1)] + [
                         (
                             unary(f, h)
-                            + EXPLAINED * max(0.0, explained(f, h, labels) - 0.25)
+                            + EXPLAINED * max(0.0, explained(f, h, labels) - 0.3)
                             + sum(pair(f, h, g, labels[g]) for g in neighbours[f] if labels[g] >= 0),
                             h,
                         )
@@ -328,6 +355,7 @@ class _Lifter:
         assert best is not None
         for f, h in enumerate(best):
             self.choice[f] = self.found[f][h] if h >= 0 else None
+        return best_energy
 
     def pair_energy(self, f: int, h: int, g: int, k: int, depths: list[list[dict[int, tuple[float, float]]]]) -> float:
         energy = 0.0
@@ -337,13 +365,26 @@ class _Lifter:
                 energy += _disagreement(np.log(za / zb), np.hypot(sa, sb))
         return energy
 
-    def behind(self, mine: Hypothesis, other: Hypothesis) -> Bool[np.ndarray, "probe"]:
-        """Which of the probe points lie behind the other plane, or as good as in it."""
+    def explains(self, mine: Hypothesis, g: int, other: Hypothesis) -> Bool[np.ndarray, "probe"]:
+        """Which of the probe points show the other face: those that lie behind it, and all where its plane carries the pixels that both
+        are drawn over into other views as well as this one does (within `worth` of the robust cost a pixel)."""
         center = self.views.centers[mine.view]
         toward = mine.probe - center
         along = toward @ other.normal
         reach = (other.offset - center @ other.normal) / np.where(np.abs(along) < 1e-12, 1e-12, along)
-        return (reach > 0) & (reach < 1.0 + self.same_depth)
+        hidden = (reach > 0) & (reach < 1.0 - self.same_depth)
+        if mine.found is None or hidden.all():
+            return hidden
+        if mine.view not in self.masks or g not in self.masks[mine.view]:
+            return hidden
+        reference = mine.found.reference
+        shared = self.masks[mine.view][g][reference.pixels[:, 1].astype(int), reference.pixels[:, 0].astype(int)] > 0
+        plane = plane_from_world(self.views, reference, other.normal, other.offset)
+        if shared.sum() < 30 or plane is None:
+            return hidden
+        part = replace(reference, pixels=reference.pixels[shared], basis=reference.basis[shared], values=reference.values[shared])
+        own, theirs = (photo_cost(self.views, part, q, self.options.photometric) for q in (mine.found.plane, plane))
+        return hidden | (theirs < own + self.options.worth)
 
     # -- corners ------------------------------------------------------------------------------------------------
 
@@ -361,12 +402,8 @@ class _Lifter:
             rows = self.rays.of_point(c)
             if len(rows) == 0:
                 continue
-            if len(rows) >= 2 and (hit := triangulate_marks(self.rays, rows)) and hit[1] > np.radians(4.0):
-                first = rows[0]
-                depth = float((hit[0] - self.rays.origin[first]) @ self.views.rotation[self.rays.view[first]][2])
-                if depth > 0:
-                    sigma = 2.0 * self.mark_sigma / (self.views.calibration[0, 0] * np.sin(hit[1]))
-                    sayings[c].append((depth, float(sigma)))
+            if c in self.triangulated:
+                sayings[c].append(self.triangulated[c])
             if not sayings[c]:
                 continue
             z = np.array([s[0] for s in sayings[c]])
@@ -381,19 +418,22 @@ class _Lifter:
             self.known[c] = True
             self.spread[c] = float(1.0 / np.sqrt(w.sum())) if len(w) > 1 else float(sigma[agree].min())
 
-    def depth_of(self, point: int) -> float:
-        """Depth of a known point in the view of its first mark."""
-        row = self.rays.of_point(point)[0]
-        return float((self.points[point] - self.rays.origin[row]) @ self.views.rotation[self.rays.view[row]][2])
-
-    def from_corners(self, face: int) -> Hypothesis | None:
-        """The plane through three or more known corners that are not on a line; None where there are none, or they disagree."""
+    def from_corners(self, face: int) -> list[Hypothesis]:
+        """Planes through known corners of the face: through all of them, and where those disagree, through all but one each."""
         known = np.array([c for c in dict.fromkeys(self.corners[face]) if self.known[c] and self.spread[c] < 20 * self.plane_sigma], int)
-        if len(known) < 3:
+        if guess := self.through(known):
+            return [guess]
+        if not 4 <= len(known) <= 12:
+            return []
+        return [guess for c in known if (guess := self.through(known[known != c]))]
+
+    def through(self, corners: Int[np.ndarray, "corners"]) -> Hypothesis | None:
+        """The plane through known corners; None where they are on a line, or disagree."""
+        if len(corners) < 3:
             return None
-        xyz = self.points[known]
-        first = np.array([self.rays.of_point(int(c))[0] for c in known])
-        sigma = self.spread[known] * np.linalg.norm(xyz - self.rays.origin[first], axis=1)
+        xyz = self.points[corners]
+        first = np.array([self.rays.of_point(int(c))[0] for c in corners])
+        sigma = self.spread[corners] * np.linalg.norm(xyz - self.rays.origin[first], axis=1)
         weight = 1.0 / sigma**2
         normal, offset = fit_plane(xyz, weight)
         center = weight @ xyz / weight.sum()
@@ -401,12 +441,15 @@ class _Lifter:
         across = np.linalg.svd((xyz - center) / np.maximum(sigma, 0.2 * sigma.max())[:, None], compute_uv=False)[1]
         if across < 3.0 or (np.abs(xyz @ normal - offset) > 4.0 * sigma).any():
             return None
-        return Hypothesis(normal, offset, 0.5, -1, xyz, np.zeros((len(xyz), self.num_faces), bool))
+        return Hypothesis(normal, offset, -0.5, -1, xyz, np.zeros((len(xyz), self.num_faces), bool))
 
 
 def _disagreement(difference: float, sigma: float) -> float:
-    """-1 where two depths agree, +5 where they do not."""
-    return -1.0 + 6.0 * min((difference / sigma) ** 2, 9.0) / 9.0
+    """What two depths (logarithms) of a corner cost: minus the log-likelihood ratio of "the same corner" against any depth of the scene,
+    with a chance of 1 % that one of the clicks is wrong. About -4 where they agree to half a percent, +4.6 where they do not."""
+    same = np.exp(-0.5 * (difference / sigma) ** 2) / sigma
+    other = np.exp(-0.5 * (difference / DEPTHS) ** 2) / DEPTHS
+    return -float(np.log(0.99 * same / other + 0.01))
 
 
 def lift_sketch(
@@ -414,31 +457,29 @@ def lift_sketch(
 ) -> Lifted:
     """Planes and corners of the sketch in the world, as far as the views give them."""
     lifter = _Lifter(views, sketch, scene, options, rng)
-    from_corners: set[int] = set()
     if not sketch.faces:
         lifter.locate()  # by marks alone; the rounds are about faces
+    before: tuple[int, int, float] | None = None
     for turn in range(options.rounds):
-        open_faces = [f for f in range(lifter.num_faces) if lifter.choice[f] is None or f in from_corners]
-        if not open_faces:
-            break
-        before = (lifter.known.sum(), sum(c is not None for c in lifter.choice))
-        for done, f in enumerate(open_faces):
-            progress(f"Lifting faces, round {turn + 1}", done, len(open_faces))
-            lifter.search(f)
-        lifter.choose()
-        lifter.locate()
-        from_corners = set()
         for f in range(lifter.num_faces):
-            if lifter.choice[f] is None and (guess := lifter.from_corners(f)):
-                lifter.choice[f] = guess
-                from_corners.add(f)
+            progress(f"Lifting faces, round {turn + 1}", f, lifter.num_faces)
+            pixels = [guess for guess in lifter.found[f] if guess.found is not None]
+            chosen = lifter.choice[f]
+            if chosen is None or chosen.found is None:
+                lifter.found[f] = pixels
+                lifter.search(f)
+                pixels = lifter.found[f]
+            lifter.found[f] = [*pixels, *lifter.from_corners(f)]
+        energy = lifter.choose()
         lifter.locate()
-        if turn and before == (lifter.known.sum(), sum(c is not None for c in lifter.choice)):
+        now = (int(lifter.known.sum()), sum(c is not None for c in lifter.choice), energy)
+        if turn >= 2 and now == before:
             break
-    return _finish(lifter, from_corners)
+        before = now
+    return _finish(lifter)
 
 
-def _finish(lifter: _Lifter, from_corners: set[int]) -> Lifted:
+def _finish(lifter: _Lifter) -> Lifted:
     faces = lifter.num_faces
     normals, offsets, known = np.full((faces, 3), np.nan), np.full(faces, np.nan), np.zeros(faces, bool)
     notes: list[str] = []
@@ -452,7 +493,7 @@ def _finish(lifter: _Lifter, from_corners: set[int]) -> Lifted:
         notes.append(f"Point {lifter.sketch.points[c].id}: no depth found; mark it in a second frame.")
     return Lifted(
         lifter.points, lifter.known.copy(), normals, offsets, known,
-        np.array([known[f] and f not in from_corners for f in range(faces)], bool), tuple(map(tuple, lifter.corners)), tuple(notes),
+        np.array([guess is not None and guess.found is not None for guess in lifter.choice], bool), tuple(map(tuple, lifter.corners)), tuple(notes),
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from planewright.arrays import Bool, Float, Int, UInt8, Vec3
-from planewright.lifting.photometric import PhotometricOptions, PhotometricPlane, plane_from_world, plane_to_world, reference_from_mask, refine
+from planewright.lifting.photometric import PhotometricOptions, PhotometricPlane, common_growth, plane_from_world, plane_to_world, reference_from_mask, refine
 from planewright.lifting.views import Views
 from planewright.planes.evidence import PlanePoints
 
@@ -139,7 +139,7 @@ def plane_points(views: Views, estimates: Sequence[FaceEstimate], options: Multi
     for f, own in sorted(by_face.items()):
         growth = _scatter(views, own)
         for estimate in own:
-            common = options.gray_error**2 * estimate.found.used / estimate.found.residual**2
+            common = common_growth(estimate.found, options.gray_error) - 1.0
             xyz, sigma = _virtual_points(
                 views, estimate, options.floor * views.depth_per_pixel * np.sqrt(len(own)), float(np.sqrt(growth**2 + common * len(own)))
             )

@@ -159,6 +159,36 @@ def shift_per_rho(views: Views, view: int, center: Vec2, rho: float) -> tuple[Fl
     return np.linalg.norm(move, axis=1), inside
 
 
+def photo_cost(views: Views, reference: Reference, plane: Vec3, options: PhotometricOptions) -> float:
+    """Robust cost a pixel of a plane over views spread over all motions; infinite where too few pixels land in them."""
+    move, inside = shift_per_rho(views, reference.view, reference.center, max(float(plane[2]), 1e-9))
+    shift = move * abs(plane[2])
+    if plane[2] <= 0 or not inside.any():
+        return np.inf
+    targets = _spread(np.nonzero(inside & (shift > 0.2 * shift[inside].max()))[0], options.views_per_stage)
+    now = equations(views, reference, targets, plane, NOBODY, -1, options.noise)
+    return now.cost / now.used if now.used >= 20 else np.inf
+
+
+def common_growth(found: PhotometricPlane, gray_error: float) -> float:
+    """How much larger than its formal variance a plane's variance is for an error of the grey values that all pixels have in common:
+    no number of pixels locates a bare face better than that error over their mean slope."""
+    return 1.0 + gray_error**2 * found.used / found.residual**2
+
+
+def relative_sigma(views: Views, found: PhotometricPlane, point: Vec3, gray_error: float = 0.6) -> float:
+    """Relative standard deviation of the depth at which a plane meets the reference's ray through a world point; at most 1."""
+    reference = found.reference
+    cam = views.rotation[reference.view] @ point + views.translation[reference.view]
+    if cam[2] <= 1e-9:
+        return 1.0
+    pixel = _array_calibration(views) @ cam / cam[2]
+    basis = _basis_matrix(reference) @ pixel
+    rho = float(basis @ found.plane)
+    variance = float(basis @ np.linalg.pinv(found.information) @ basis) * (4.0 + common_growth(found, gray_error))
+    return min(float(np.sqrt(max(variance, 0.0))) / rho, 1.0) if rho > 0 else 1.0
+
+
 def _spread(candidates: Int[np.ndarray, "n"], count: int) -> Int[np.ndarray, "m"]:
     """At most `count` of them, evenly."""
     if len(candidates) <= count:

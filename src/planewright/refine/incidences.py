@@ -13,6 +13,7 @@ def propose_incidences(
     sketch: Sketch,
     rays: MarkRays,
     points: Float[np.ndarray, "points 3"],
+    covariance: Float[np.ndarray, "points 3 3"],
     known: Bool[np.ndarray, "points"],
     normals: Float[np.ndarray, "faces 3"],
     offsets: Float[np.ndarray, "faces"],
@@ -21,7 +22,8 @@ def propose_incidences(
 ) -> Int[np.ndarray, "incidences 2"]:
     """(face, point) of known corners over the inside of a known face and within `tolerance` times their depth of its plane.
 
-    These are proposals: the adjustment keeps those that agree with the views.
+    Corners whose height over the plane is less sure than half of that are left for a later round: that they agree would mean nothing,
+    and enough of them bend the plane. These are proposals: the adjustment keeps those that agree with the views.
     """
     polygons = polygons_of(sketch, points, np.where(face_known[:, None], normals, np.nan), offsets)
     row = {point.id: i for i, point in enumerate(sketch.points)}
@@ -36,6 +38,8 @@ def propose_incidences(
                 continue
             depth = float(np.linalg.norm(points[c] - rays.origin[marks[0]]))
             height = float(normals[f] @ points[c] - offsets[f])
-            if abs(height) < tolerance * depth and inside_polygon(polygons, f, (points[c] - height * normals[f])[None])[0]:
+            variance = float(normals[f] @ covariance[c] @ normals[f]) if np.isfinite(covariance[c]).all() else np.inf
+            sigma = float(np.sqrt(max(variance, 0.0)))
+            if abs(height) < tolerance * depth and sigma < 0.5 * tolerance * depth and inside_polygon(polygons, f, (points[c] - height * normals[f])[None])[0]:
                 found.append((f, int(c)))
     return np.array(found, int).reshape(-1, 2)

@@ -43,7 +43,7 @@ class RefineOptions:
     edges: EdgeOptions = field(default_factory=EdgeOptions)
     """How edges are found."""
     rounds: int = 3
-    """Rounds with edges, after one without."""
+    """Rounds with edges, after two without."""
     click_sigma: float = 1.0
     """Standard deviation of a click an axis, pixels."""
     patch_sigma: float = 4.0
@@ -52,7 +52,7 @@ class RefineOptions:
     """A corner drawn inside a face is proposed to lie on it when it is this near to its plane, in pixels of motion."""
     open_above: float = 8.0
     """A corner less sure than this (standard deviation, in pixels of motion) by clicks and planes may be helped by its face's shape."""
-    adjust: AdjustOptions = field(default_factory=AdjustOptions)
+    adjust: AdjustOptions = field(default_factory=lambda: AdjustOptions(max_overruled=0))
     """The structured adjustment and its relations."""
 
 
@@ -73,10 +73,12 @@ class _State:
     normals: Float[np.ndarray, "faces 3"]
     offsets: Float[np.ndarray, "faces"]
     face_known: Bool[np.ndarray, "faces"]
+    covariance: Float[np.ndarray, "points 3 3"]
+    """Infinite where nothing is known of it yet."""
 
 
 def _state_of(scene: PlanarScene) -> _State:
-    return _State(scene.points, scene.point_known, scene.normals, scene.offsets, scene.face_known)
+    return _State(scene.points, scene.point_known, scene.normals, scene.offsets, scene.face_known, scene.point_covariance)
 
 
 def refine_structure(
@@ -102,21 +104,24 @@ def refine_structure(
     edges = edges_of_faces(loops, [face.open for face in sketch.faces])
     drawn_set = {(min(row[a], row[b]), max(row[a], row[b])) for a, b in sketch.edges}
     drawn = {(min(a, b), max(a, b)): not drawn_set or (min(a, b), max(a, b)) in drawn_set for _, a, b in edges}
-    state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known)
-    progress("Refining corners and planes", 0, 1 + options.rounds)
-    state = _oriented(views, sketch, state)
+    nothing = np.full((len(sketch.points), 3, 3), np.inf)
+    state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known, nothing)
     priors = _patch_priors(views, rays, sketch, lifted, options)
-    structured, lines = _round(views, sketch, rays, edges, drawn, lifted, priors, state, None, options)
-    fourth = fourth_corners(sketch, structured.scene, open_above=options.open_above * views.depth_per_pixel * _distance(views, structured.scene))
-    if len(fourth.corner):
-        priors = joined(priors, fourth)
-        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, priors, _oriented(views, sketch, _state_of(structured.scene)), None, options)
-    anchor = Anchor(structured.scene.points, structured.scene.point_covariance)
-    for turn in range(options.rounds):
-        progress("Refining corners and planes", 1 + turn, 1 + options.rounds)
+    anchor: Anchor | None = None
+    lines: list[EdgeLine] = []
+    title, total = "Refining corners and planes", 2 + options.rounds
+    progress(title, 0, total)
+    # Clicks and planes alone, twice: what the first says of the corners' certainty, the second's incidences and shapes build on.
+    structured, _ = _round(views, sketch, rays, edges, drawn, lifted, priors, _oriented(views, sketch, state), None, options)
+    priors = joined(
+        priors, fourth_corners(sketch, structured.scene, open_above=options.open_above * views.depth_per_pixel * _distance(views, structured.scene))
+    )
+    for turn in range(1 + options.rounds):
+        progress(title, 1 + turn, total)
         state = _oriented(views, sketch, _state_of(structured.scene))
         structured, lines = _round(views, sketch, rays, edges, drawn, lifted, priors, state, anchor, options)
-    progress("Refining corners and planes", 1 + options.rounds, 1 + options.rounds)
+        anchor = anchor or Anchor(structured.scene.points, structured.scene.point_covariance)
+    progress(title, total, total)
     notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
     return Structure(structured.scene, structured.relations, structured.adjacency, notes)
 
@@ -140,7 +145,7 @@ def _round(
         usable = [(f, a, b) for f, a, b in edges if state.face_known[f] and state.known[a] and state.known[b] and drawn[min(a, b), max(a, b)]]
         lines = measure_edges(views, usable, state.points, anchor, state.normals, owners, options.edges)
     proposed = propose_incidences(
-        sketch, rays, state.points, state.known, state.normals, state.offsets, state.face_known, options.on_plane * views.depth_per_pixel
+        sketch, rays, state.points, state.covariance, state.known, state.normals, state.offsets, state.face_known, options.on_plane * views.depth_per_pixel
     )
     evidence = Evidence(
         plane_points=_with_lifted(plane_points(views, estimates, options.faces), lifted, state, options.lift.plane_sigma * views.depth_per_pixel * _distance(views, state)),
