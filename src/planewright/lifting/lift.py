@@ -110,13 +110,13 @@ class _Lifter:
         self.spread = np.full(self.num_points, np.inf)  # relative depth sigma of known points
         self.found: list[list[Hypothesis]] = [[] for _ in range(self.num_faces)]
         self.masks: dict[int, dict[int, UInt8[np.ndarray, "height width"]]] = {}
-        self.triangulated = self.triangulate()
         self.tried: set[tuple[int, int, int]] = set()
         self.choice: list[Hypothesis | None] = [None] * self.num_faces
         self.rho_ranges: dict[int, tuple[float, float]] = {}
         self.mark_sigma = options.click_sigma * views.scale
         self.plane_sigma = options.plane_sigma * views.depth_per_pixel
         self.same_depth = options.same_depth * views.depth_per_pixel
+        self.triangulated = self.triangulate()
 
     def triangulate(self) -> dict[int, tuple[float, float]]:
         """Corners marked in frames far enough apart: depth along the first mark's ray, and its relative sigma."""
