@@ -34,5 +34,5 @@ def run(sketch: Path, clip: Path | None) -> None:
     for finding in findings[:MOST]:
         console.print(f"{finding.severity}: {plain(finding.sentence)}")
     if errors:
-        raise SketchError(f"{sketch.name} cannot be reconstructed as it stands: {len(errors)} errors.")
+        raise SketchError(f"{sketch.name} cannot be reconstructed as it stands: {len(errors)} error{'s' if len(errors) > 1 else ''}.")
     console.print("Nothing is wrong with it." if not findings else "It can be reconstructed.")

@@ -176,9 +176,10 @@ class _Run:
         write_whole(folder / "model.glb", encode_glb(result.model))
         report = make_report(self.clip, result, [(stage.name, _time(stage)) for stage in self.stages], self.facts(result), progress=self.progress)
         write_whole(folder / "report.html", report)
+        everything = to_json(document(result))
         self.stages.append(Stage("export", time.perf_counter() - start, resumed=False))
         write_whole(folder / "run.json", to_json(self.record()))
-        write_whole(folder / RESULT_FILE, to_json(document(result)))
+        write_whole(folder / RESULT_FILE, everything)
 
     def record(self) -> dict[str, Any]:
         """The content of `run.json`."""
