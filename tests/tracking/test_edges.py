@@ -8,12 +8,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from planewright.lifting.views import Views, load_views
 from planewright.planes.polygons import scene_polygons
+from planewright.sketch.graph import FaceId, PointId, Sketch, SketchFace, SketchPoint
 from planewright.synthetic.clip import SyntheticClip, centered_camera
 from planewright.synthetic.motion import Path, draw_tremor
 from planewright.synthetic.render import RenderOptions
 from planewright.synthetic.scene import Scene, TrueFace, face_surfaces, quad
 from planewright.synthetic.textures import plaster
-from planewright.tracking.edges import Anchor, EdgeLine, corner_lines, edges_of_faces, measure_edges
+from planewright.tracking.edges import Anchor, EdgeLine, corner_lines, drawn_edges, measure_edges
 from planewright.tracking.visibility import owners_in_views
 
 STRIPE = 0.13
@@ -143,9 +144,7 @@ def test_a_corner_of_which_nothing_is_known_is_no_obstacle(board, board_views: V
 def test_most_edges_of_the_shed_are_found_where_they_are(shed) -> None:
     views = load_views(shed.frames, shed.cameras, shed.cloud, [])
     scene = shed.scene
-    row = scene.point_row()
-    loops = [[[row[c] for c in loop] for loop in (face.loop, *face.holes)] for face in scene.sketch.faces]
-    edges = edges_of_faces(loops, [False] * len(loops))
+    edges = drawn_edges(scene.sketch)
     size = 4.6 / shed.clip.intrinsics.focal
     points = scene.points + np.random.default_rng(3).normal(0.0, 1.2 * size, scene.points.shape)
     lines = measure_edges(views, edges, points, anchored(points, 1.5 * size), scene.normals, owners_in_views(views, scene_polygons(scene)))
@@ -157,12 +156,12 @@ def test_most_edges_of_the_shed_are_found_where_they_are(shed) -> None:
     assert np.mean(within) > 0.85
 
 
-def test_edges_of_faces_go_round_each_loop_once_and_open_faces_do_not_close() -> None:
-    loops = [[[0, 1, 2, 3], [4, 5, 6]], [[2, 7, 8]]]
-    assert edges_of_faces(loops, [False, True]) == [
-        (0, 0, 1), (0, 1, 2), (0, 2, 3), (0, 3, 0), (0, 4, 5), (0, 5, 6), (0, 6, 4), (1, 2, 7), (1, 7, 8),
-    ]  # fmt: skip
-    assert len(edges_of_faces(loops, [True, False])) == 9
+def test_edges_go_round_each_loop_once_open_faces_do_not_close_and_only_drawn_ones_count() -> None:
+    p = [PointId(f"p{i}") for i in range(9)]
+    faces = (SketchFace(FaceId("a"), tuple(p[:4]), (tuple(p[4:7]),)), SketchFace(FaceId("b"), (p[2], p[7], p[8]), open=True))
+    sketch = Sketch(tuple(SketchPoint(name, {}) for name in p), faces=faces)
+    assert drawn_edges(sketch) == [(0, 0, 1), (0, 1, 2), (0, 2, 3), (0, 3, 0), (0, 4, 5), (0, 5, 6), (0, 6, 4), (1, 2, 7), (1, 7, 8)]
+    assert drawn_edges(replace(sketch, edges=((p[1], p[0]), (p[6], p[4]), (p[2], p[8])))) == [(0, 0, 1), (0, 6, 4)]
 
 
 def test_corners_lie_on_their_lines_and_an_edge_of_two_faces_counts_once() -> None:

@@ -232,7 +232,9 @@ class _Lifter:
         out: list[Hypothesis] = []
         for found in planes:
             normal, offset = plane_to_world(self.views, reference, found.plane)
-            out.append(Hypothesis(normal, offset, found.zncc * min(1.0, 2 * found.share), view, self.on_plane(view, probes + 0.5, normal, offset), covered, found))
+            out.append(
+                Hypothesis(normal, offset, found.zncc * min(1.0, 2 * found.share), view, self.on_plane(view, probes + 0.5, normal, offset), covered, found)
+            )
         return out
 
     def on_plane(self, view: int, pixels: Float[np.ndarray, "probe 2"], normal: Vec3, offset: float) -> Float[np.ndarray, "probe 3"]:

@@ -22,7 +22,7 @@ from planewright.relations.adjust import AdjustOptions, Structured, adjust_struc
 from planewright.relations.relation import Relation
 from planewright.sfm.cameras import Cameras, ScenePoints
 from planewright.sketch.graph import Sketch
-from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, corner_lines, edges_of_faces, measure_edges
+from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, corner_lines, drawn_edges, measure_edges
 from planewright.tracking.visibility import owners_in_views
 from planewright.video.frames import Frames
 
@@ -99,11 +99,7 @@ def refine_structure(
     views = load_views(frames, cameras, scene, marked, options.views, progress=progress)
     lifted = lift_sketch(views, sketch, scene, options.lift, rng=rng, progress=progress)
     rays = mark_rays(views, sketch)
-    row = {point.id: i for i, point in enumerate(sketch.points)}
-    loops = [[[row[c] for c in loop] for loop in (face.loop, *face.holes)] for face in sketch.faces]
-    edges = edges_of_faces(loops, [face.open for face in sketch.faces])
-    drawn_set = {(min(row[a], row[b]), max(row[a], row[b])) for a, b in sketch.edges}
-    drawn = {(min(a, b), max(a, b)): not drawn_set or (min(a, b), max(a, b)) in drawn_set for _, a, b in edges}
+    edges = drawn_edges(sketch)
     nothing = np.full((len(sketch.points), 3, 3), np.inf)
     state = _State(lifted.points, lifted.point_known, lifted.normals, lifted.offsets, lifted.face_known, nothing)
     priors = _patch_priors(views, rays, sketch, lifted, options)
@@ -112,14 +108,14 @@ def refine_structure(
     title, total = "Refining corners and planes", 2 + options.rounds
     progress(title, 0, total)
     # Clicks and planes alone, twice: what the first says of the corners' certainty, the second's incidences and shapes build on.
-    structured, _ = _round(views, sketch, rays, edges, drawn, lifted, priors, _oriented(views, sketch, state), None, options)
+    structured, _ = _round(views, sketch, rays, edges, lifted, priors, _oriented(views, sketch, state), None, options)
     priors = joined(
         priors, fourth_corners(sketch, structured.scene, open_above=options.open_above * views.depth_per_pixel * _distance(views, structured.scene))
     )
     for turn in range(1 + options.rounds):
         progress(title, 1 + turn, total)
         state = _oriented(views, sketch, _state_of(structured.scene))
-        structured, lines = _round(views, sketch, rays, edges, drawn, lifted, priors, state, anchor, options)
+        structured, lines = _round(views, sketch, rays, edges, lifted, priors, state, anchor, options)
         anchor = anchor or Anchor(structured.scene.points, structured.scene.point_covariance)
     progress(title, total, total)
     notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
@@ -131,7 +127,6 @@ def _round(
     sketch: Sketch,
     rays: MarkRays,
     edges: Sequence[tuple[int, int, int]],
-    drawn: dict[tuple[int, int], bool],
     lifted: Lifted,
     priors: CornerPriors,
     state: _State,
@@ -142,13 +137,14 @@ def _round(
     estimates = measure_faces(views, state.normals, state.offsets, state.face_known, owners, options.faces, options.lift.photometric)
     lines: list[EdgeLine] = []
     if anchor is not None:
-        usable = [(f, a, b) for f, a, b in edges if state.face_known[f] and state.known[a] and state.known[b] and drawn[min(a, b), max(a, b)]]
+        usable = [(f, a, b) for f, a, b in edges if state.face_known[f] and state.known[a] and state.known[b]]
         lines = measure_edges(views, usable, state.points, anchor, state.normals, owners, options.edges)
     proposed = propose_incidences(
         sketch, rays, state.points, state.covariance, state.known, state.normals, state.offsets, state.face_known, options.on_plane * views.depth_per_pixel
     )
+    lifted_sigma = options.lift.plane_sigma * views.depth_per_pixel * _distance(views, state)
     evidence = Evidence(
-        plane_points=_with_lifted(plane_points(views, estimates, options.faces), lifted, state, options.lift.plane_sigma * views.depth_per_pixel * _distance(views, state)),
+        plane_points=_with_lifted(plane_points(views, estimates, options.faces), lifted, lifted_sigma),
         marks=_marks(views, rays, options.click_sigma * views.scale),
         lines=corner_lines(lines, state.points),
         priors=priors,
@@ -157,7 +153,7 @@ def _round(
     return adjust_structure(sketch, start, evidence, proposed, options.adjust), lines
 
 
-def _with_lifted(measured: PlanePoints, lifted: Lifted, state: _State, sigma: float) -> PlanePoints:
+def _with_lifted(measured: PlanePoints, lifted: Lifted, sigma: float) -> PlanePoints:
     """The measured planes, and for faces that no reference view could measure again, the plane from which they were lifted."""
     missing = np.nonzero(lifted.from_pixels & ~np.isin(np.arange(len(lifted.normals)), measured.face))[0]
     faces, points = [measured.face], [measured.point]

@@ -15,6 +15,7 @@ import numpy as np
 from planewright.arrays import Bool, Float, Int, Vec3
 from planewright.lifting.views import Views
 from planewright.planes.evidence import CornerLines
+from planewright.sketch.graph import Sketch
 from planewright.tracking.kernels import edge_strip, line_scores
 
 
@@ -98,15 +99,19 @@ class EdgeLine:
     """The second candidate of an ambiguous edge: its offsets from the first one."""
 
 
-def edges_of_faces(loops: Sequence[Sequence[Sequence[int]]], open_faces: Sequence[bool]) -> list[tuple[int, int, int]]:
-    """(face, first point, second point) of every edge of every loop and hole; an open face has none between its last corner and its first."""
+def drawn_edges(sketch: Sketch) -> list[tuple[int, int, int]]:
+    """(face, first point, second point) of every edge of every loop and hole that the person drew; all of them where no edge is drawn.
+
+    An open face has none between its last corner and its first.
+    """
+    row = {point.id: i for i, point in enumerate(sketch.points)}
+    drawn = {frozenset(edge) for edge in sketch.edges}
     out: list[tuple[int, int, int]] = []
-    for f, own in enumerate(loops):
-        for number, loop in enumerate(own):
-            for i, a in enumerate(loop):
-                b = loop[(i + 1) % len(loop)]
-                if not (open_faces[f] and number == 0 and i == len(loop) - 1):
-                    out.append((f, a, b))
+    for f, face in enumerate(sketch.faces):
+        for loop in (face.loop, *face.holes):
+            pairs = list(zip(loop, (*loop[1:], loop[0]), strict=True))
+            closed = not (face.open and loop is face.loop)
+            out += [(f, row[a], row[b]) for a, b in (pairs if closed else pairs[:-1]) if not drawn or frozenset((a, b)) in drawn]
     return out
 
 

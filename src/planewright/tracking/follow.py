@@ -16,7 +16,7 @@ from planewright.arrays import Bool, Float, Int
 from planewright.planes.planar_scene import PlanarScene
 from planewright.progress import Progress, silent, steps
 from planewright.sfm.cameras import Cameras
-from planewright.tracking.edges import edges_of_faces
+from planewright.tracking.edges import drawn_edges
 from planewright.tracking.kernels import frame_edges
 from planewright.tracking.tracks import State, Tracks
 from planewright.tracking.visibility import corner_visibility
@@ -65,7 +65,7 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
     width, height = frames.image_size
     inside = (predicted >= 0).all(axis=2) & (predicted[..., 0] < width) & (predicted[..., 1] < height) & (depth > 0)
     visible = unhidden & inside
-    edges = _drawn_edges(scene)
+    edges = _known_edges(scene)
     lines = _measure(frames, cameras.frame[rows], predicted, visible, edges, options, progress)
     moved, spread = _fuse(predicted, lines, edges, (width, height), options)
     covariance = _covariance(scene, cameras, rows, depth, spread, options)
@@ -82,17 +82,10 @@ def _project(
     return pinhole.principal_point + pinhole.focal * in_cam[..., :2] / safe[..., None], z
 
 
-def _drawn_edges(scene: PlanarScene) -> Int[np.ndarray, "edges 2"]:
+def _known_edges(scene: PlanarScene) -> Int[np.ndarray, "edges 2"]:
     """Edges of known faces that the person drew, each once."""
-    row = scene.point_row()
-    loops = [[[row[c] for c in loop] for loop in (face.loop, *face.holes)] for face in scene.sketch.faces]
-    of_faces = edges_of_faces(loops, [face.open for face in scene.sketch.faces])
-    drawn = {(min(row[a], row[b]), max(row[a], row[b])) for a, b in scene.sketch.edges}
-    chosen = {
-        (min(a, b), max(a, b))
-        for f, a, b in of_faces
-        if scene.face_known[f] and scene.point_known[a] and scene.point_known[b] and (not drawn or (min(a, b), max(a, b)) in drawn)
-    }
+    known, face_known = scene.point_known, scene.face_known
+    chosen = {(min(a, b), max(a, b)) for f, a, b in drawn_edges(scene.sketch) if face_known[f] and known[a] and known[b]}
     return np.array(sorted(chosen), dtype=np.int64).reshape(-1, 2)
 
 
