@@ -9,6 +9,9 @@ import pytest
 
 from planewright.pipeline.machine import machine, peak_memory_bytes, versions
 
+ROUGHLY = 2**23
+"""Bytes: the system counts each processor's pages apart, and adds them up now and then."""
+
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not say")
 def test_the_peak_of_memory_rises_with_what_is_held_and_does_not_fall() -> None:
@@ -19,8 +22,8 @@ def test_the_peak_of_memory_rises_with_what_is_held_and_does_not_fall() -> None:
     del held
     after = peak_memory_bytes()
     assert before is not None and during is not None and after is not None
-    assert size <= during <= after
-    assert before <= during
+    assert during >= max(size, before) - ROUGHLY
+    assert after >= during - ROUGHLY
 
 
 def test_nothing_names_the_machine_or_its_owner() -> None:
