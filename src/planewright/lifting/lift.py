@@ -66,7 +66,7 @@ class Hypothesis:
     normal: Vec3
     offset: float
     quality: float
-    """Mean ZNCC over the views; -0.5 where pixels did not take part: any plane that they agree with goes first."""
+    """Mean ZNCC over the views; -0.25 where pixels did not take part: any plane that they agree with goes first."""
     view: int
     """View in which it was found, -1 where it comes from corners."""
     probe: Float[np.ndarray, "probe 3"]
@@ -105,6 +105,7 @@ class _Lifter:
         self.holes = [[[row[c] for c in hole] for hole in face.holes] for face in sketch.faces]
         self.corners = [[*loop, *(c for hole in holes for c in hole)] for loop, holes in zip(self.loops, self.holes, strict=True)]
         self.num_faces, self.num_points = len(sketch.faces), len(sketch.points)
+        self.faces_at = np.bincount([c for corners in self.corners for c in set(corners)], minlength=self.num_points)
         self.points = np.full((self.num_points, 3), np.nan)
         self.known = np.zeros(self.num_points, bool)
         self.spread = np.full(self.num_points, np.inf)  # relative depth sigma of known points
@@ -230,11 +231,12 @@ class _Lifter:
         for other, theirs in others.items():
             covered[:, other] = theirs[probes[:, 1], probes[:, 0]] > 0
         out: list[Hypothesis] = []
+        best = max((agreement(found) for found in planes), default=0.0)
         for found in planes:
             normal, offset = plane_to_world(self.views, reference, found.plane)
-            out.append(
-                Hypothesis(normal, offset, found.zncc * min(1.0, 2 * found.share), view, self.on_plane(view, probes + 0.5, normal, offset), covered, found)
-            )
+            # of two planes for the same pixels, a clearly worse one needs much to speak for it
+            quality = agreement(found) - 3.0 * (best - agreement(found))
+            out.append(Hypothesis(normal, offset, quality, view, self.on_plane(view, probes + 0.5, normal, offset), covered, found))
         return out
 
     def on_plane(self, view: int, pixels: Float[np.ndarray, "probe 2"], normal: Vec3, offset: float) -> Float[np.ndarray, "probe 3"]:
@@ -331,25 +333,41 @@ class _Lifter:
                     total += sum(pair(f, h, g, labels[g]) for g in neighbours[f] if g > f and labels[g] >= 0)
             return total
 
+        def cost_of(f: int, h: int, labels: list[int], without: int = -1) -> float:
+            """What label h of a face costs beside the others' labels."""
+            if h < 0:
+                return 0.0
+            shared = sum(pair(f, h, g, labels[g]) for g in neighbours[f] if g != without and labels[g] >= 0)
+            return unary(f, h) + EXPLAINED * max(0.0, explained(f, h, labels) - 0.3) + shared
+
+        def best_pair(f: int, g: int, labels: list[int]) -> tuple[int, int]:
+            """The labels of two neighbours that together cost least beside the others'."""
+            trial = list(labels)
+            best_two, least = (labels[f], labels[g]), np.inf
+            for h in [-1, *usable[f]]:
+                for k in [-1, *usable[g]]:
+                    trial[f], trial[g] = h, k
+                    cost = cost_of(f, h, trial, without=g) + cost_of(g, k, trial, without=f) + (pair(f, h, g, k) if h >= 0 and k >= 0 else 0.0)
+                    if cost < least - 1e-9 or (abs(cost - least) <= 1e-9 and (h, k) == (labels[f], labels[g])):
+                        best_two, least = (h, k), min(cost, least)
+            return best_two
+
         best: list[int] | None = None
         best_energy = np.inf
         base = sorted(range(self.num_faces), key=lambda f: -max((self.found[f][h].quality for h in usable[f]), default=-1.0))
-        for attempt in range(12):
+        for attempt in range(8):
             order = base if attempt == 0 else [int(f) for f in self.rng.permutation(self.num_faces)]
             labels = [-1] * self.num_faces
             for _ in range(12):
                 before = list(labels)
                 for f in order:
-                    costs = [(0.0, -1)] + [
-                        (
-                            unary(f, h)
-                            + EXPLAINED * max(0.0, explained(f, h, labels) - 0.3)
-                            + sum(pair(f, h, g, labels[g]) for g in neighbours[f] if labels[g] >= 0),
-                            h,
-                        )
-                        for h in usable[f]
-                    ]
+                    costs = [(cost_of(f, h, labels), h) for h in [-1, *usable[f]]]
                     labels[f] = min(costs)[1]
+                # two neighbours at a time: a face may only fit once the one beside it has changed
+                for f in order:
+                    for g in neighbours[f]:
+                        if g > f:
+                            labels[f], labels[g] = best_pair(f, g, labels)
                 if labels == before:
                     break
             if (energy := energy_of(labels)) < best_energy - 1e-9:
@@ -360,11 +378,15 @@ class _Lifter:
         return best_energy
 
     def pair_energy(self, f: int, h: int, g: int, k: int, depths: list[list[dict[int, tuple[float, float]]]]) -> float:
+        # a plane through corners agrees with the faces that located them by its making: that is no evidence, a contradiction is
+        circular = self.found[f][h].found is None or self.found[g][k].found is None
         energy = 0.0
         for c, (za, sa) in depths[f][h].items():
             if c in depths[g][k]:
                 zb, sb = depths[g][k][c]
-                energy += _disagreement(np.log(za / zb), np.hypot(sa, sb))
+                cost = _disagreement(np.log(za / zb), np.hypot(sa, sb))
+                # a corner of n faces has n - 1 to agree with: together they say it once
+                energy += cost if cost > 0 else 0.0 if circular else cost / max(1, self.faces_at[c] - 1)
         return energy
 
     def explains(self, mine: Hypothesis, g: int, other: Hypothesis) -> Bool[np.ndarray, "probe"]:
@@ -443,15 +465,20 @@ class _Lifter:
         across = np.linalg.svd((xyz - center) / np.maximum(sigma, 0.2 * sigma.max())[:, None], compute_uv=False)[1]
         if across < 3.0 or (np.abs(xyz @ normal - offset) > 4.0 * sigma).any():
             return None
-        return Hypothesis(normal, offset, -0.5, -1, xyz, np.zeros((len(xyz), self.num_faces), bool))
+        return Hypothesis(normal, offset, -0.25, -1, xyz, np.zeros((len(xyz), self.num_faces), bool))
+
+
+def agreement(found: PhotometricPlane) -> float:
+    """Mean ZNCC, less where the views hardly show the face."""
+    return found.zncc * min(1.0, 2 * found.share)
 
 
 def _disagreement(difference: float, sigma: float) -> float:
     """What two depths (logarithms) of a corner cost: minus the log-likelihood ratio of "the same corner" against any depth of the scene,
-    with a chance of 1 % that one of the clicks is wrong. About -4 where they agree to half a percent, +4.6 where they do not."""
+    with a chance of 0.1 % that one of the clicks is wrong. About -4 where they agree to half a percent, +6.9 where they do not."""
     same = np.exp(-0.5 * (difference / sigma) ** 2) / sigma
     other = np.exp(-0.5 * (difference / DEPTHS) ** 2) / DEPTHS
-    return -float(np.log(0.99 * same / other + 0.01))
+    return -float(np.log(0.999 * same / other + 0.001))
 
 
 def lift_sketch(
@@ -485,7 +512,8 @@ def _finish(lifter: _Lifter) -> Lifted:
     faces = lifter.num_faces
     normals, offsets, known = np.full((faces, 3), np.nan), np.full(faces, np.nan), np.zeros(faces, bool)
     notes: list[str] = []
-    for f, guess in enumerate(lifter.choice):
+    for f, choice in enumerate(lifter.choice):
+        guess = choice or next(iter(lifter.from_corners(f)), None)
         if guess is None:
             notes.append(f"Face {lifter.sketch.faces[f].id}: no plane found; mark its corners in a frame in which it is seen well.")
             continue
