@@ -55,6 +55,8 @@ EXPLAINED = 40.0
 """Energy a share of pixels that other faces explain, above 0.3: nothing else outweighs a face all of whose pixels show others."""
 
 
+PATCH = 5
+"""Working pixels to each side of a point that is located as a patch of its own."""
 DEPTHS = 0.3
 """Spread of the logarithms of depths in a scene."""
 
@@ -541,7 +543,7 @@ def lone_points(lifter: _Lifter) -> None:
             if rho_range is None:
                 continue
             mask = np.zeros((height, width), bool)
-            mask[max(y - 10, 0) : y + 11, max(x - 10, 0) : x + 11] = True
+            mask[max(y - PATCH, 0) : y + PATCH + 1, max(x - PATCH, 0) : x + PATCH + 1] = True
             reference = reference_from_mask(lifter.views, view, mask, options)
             if reference is None:
                 continue
