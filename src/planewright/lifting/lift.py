@@ -93,7 +93,6 @@ class Lifted:
     """False where the plane only comes from corners known otherwise."""
     corners: tuple[tuple[int, ...], ...]
     """Rows of each face's corners, holes included."""
-    notes: tuple[str, ...]
 
 
 class _Lifter:
@@ -513,19 +512,14 @@ def lift_sketch(
 def _finish(lifter: _Lifter) -> Lifted:
     faces = lifter.num_faces
     normals, offsets, known = np.full((faces, 3), np.nan), np.full(faces, np.nan), np.zeros(faces, bool)
-    notes: list[str] = []
     for f, choice in enumerate(lifter.choice):
         guess = choice or next(iter(lifter.from_corners(f)), None)
-        if guess is None:
-            notes.append(f"Face {lifter.sketch.faces[f].id}: no plane found; mark its corners in a frame in which it is seen well.")
-            continue
-        normals[f], offsets[f], known[f] = guess.normal, guess.offset, True
+        if guess is not None:
+            normals[f], offsets[f], known[f] = guess.normal, guess.offset, True
     lone_points(lifter)
-    for c in np.nonzero(~lifter.known)[0]:
-        notes.append(f"Point {lifter.sketch.points[c].id}: no depth found; mark it in a second frame.")
     return Lifted(
         lifter.points, lifter.known.copy(), normals, offsets, known,
-        np.array([guess is not None and guess.found is not None for guess in lifter.choice], bool), tuple(map(tuple, lifter.corners)), tuple(notes),
+        np.array([guess is not None and guess.found is not None for guess in lifter.choice], bool), tuple(map(tuple, lifter.corners)),
     )  # fmt: skip
 
 

@@ -1,11 +1,13 @@
 """Corners drawn inside a face that lie on its plane: chimney feet on a roof, a box on a table."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from planewright.arrays import Bool, Float, Int
 from planewright.lifting.rays import MarkRays
 from planewright.planes.polygons import polygons_of
-from planewright.sketch.graph import Sketch
+from planewright.sketch.graph import PointId, Sketch
 from planewright.tracking.visibility import inside_polygon
 
 
@@ -22,8 +24,9 @@ def propose_incidences(
 ) -> Int[np.ndarray, "incidences 2"]:
     """(face, point) of known corners over the inside of a known face and within `tolerance` times their depth of its plane.
 
-    Points of no face are left alone: their patch says where they are. Corners whose height over the plane is less sure than half of that are left for a later round: that they agree would mean nothing,
-    and enough of them bend the plane. These are proposals: the adjustment keeps those that agree with the views.
+    Points of no face are left alone: their patch says where they are. Corners whose height over the plane is less sure than half of
+    that are left for a later round: that they agree would mean nothing, and enough of them bend the plane. These are proposals: the
+    adjustment keeps those that agree with the views.
     """
     polygons = polygons_of(sketch, points, np.where(face_known[:, None], normals, np.nan), offsets)
     row = {point.id: i for i, point in enumerate(sketch.points)}
@@ -41,15 +44,15 @@ def propose_incidences(
             depth = float(np.linalg.norm(points[c] - rays.origin[marks[0]]))
             height = float(normals[f] @ points[c] - offsets[f])
             sigma = float(np.sqrt(max(normals[f] @ covariance[c] @ normals[f], 0.0)))
-            if abs(height) < tolerance * depth and sigma < 0.5 * tolerance * depth:
-                if inside_polygon(polygons, f, (points[c] - height * normals[f])[None])[0]:
-                    heights[int(c)] = abs(height)
+            foot = points[c] - height * normals[f]
+            if abs(height) < tolerance * depth and sigma < 0.5 * tolerance * depth and inside_polygon(polygons, f, foot[None])[0]:
+                heights[int(c)] = abs(height)
         flat = _would_lie_flat(sketch, row, f, heights)
         found += [(f, c) for c in sorted(heights) if c not in flat]
     return np.array(found, int).reshape(-1, 2)
 
 
-def _would_lie_flat(sketch: Sketch, row: dict[str, int], plane: int, heights: dict[int, float]) -> set[int]:
+def _would_lie_flat(sketch: Sketch, row: Mapping[PointId, int], plane: int, heights: dict[int, float]) -> set[int]:
     """Corners whose incidence would press another face flat onto the plane: of each face only its two lowest may lie on it, and
     only where the others stand clearly higher (a shallow dormer on its roof)."""
     barred: set[int] = set()

@@ -118,7 +118,7 @@ def refine_structure(
         structured, lines = _round(views, sketch, rays, edges, lifted, priors, state, anchor, options)
         anchor = anchor or Anchor(structured.scene.points, structured.scene.point_covariance)
     progress(title, total, total)
-    notes = (*lifted.notes, *_edge_notes(sketch, lines), *structured.warnings)
+    notes = (*_edge_notes(sketch, lines), *structured.warnings)
     return Structure(structured.scene, structured.relations, structured.adjacency, notes)
 
 
