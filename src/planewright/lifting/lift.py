@@ -14,6 +14,7 @@ import numpy as np
 
 from planewright.arrays import Bool, Float, Int, UInt8, Vec3
 from planewright.geometry.plane import fit_plane
+from planewright.lifting.choice import choose_labels
 from planewright.lifting.photometric import (
     PhotometricOptions,
     PhotometricPlane,
@@ -290,14 +291,14 @@ class _Lifter:
         """Pick one hypothesis or none a face, so that planes agree at shared corners and no two faces share their pixels.
 
         Energy: -(2 + 2 ZNCC) a chosen plane; `_disagreement` for each corner two chosen faces share; up to +28 where its pixels are
-        explained by other chosen faces drawn there. Minimized by iterated conditional modes from several orders; the lowest wins. Returns its energy.
+        explained by other chosen faces drawn there. Returns the energy.
         """
         depths = [[self.corner_depths(f, h) for h in self.found[f]] for f in range(self.num_faces)]
         usable = [[h for h, d in enumerate(depths[f]) if all(z > 0 for z, _ in d.values())] for f in range(self.num_faces)]
         neighbours = [[g for g in range(self.num_faces) if g != f and set(self.corners[f]) & set(self.corners[g])] for f in range(self.num_faces)]
         behind_cache: dict[tuple[int, int, int, int], Bool[np.ndarray, "probe"]] = {}
 
-        def explained(f: int, h: int, labels: list[int]) -> float:
+        def explained(f: int, h: int, labels: Sequence[int]) -> float:
             """Share of the face's pixels that other chosen faces explain."""
             mine = self.found[f][h]
             by_others = np.zeros(len(mine.probe), bool)
@@ -326,57 +327,14 @@ class _Lifter:
                     energy += _disagreement(np.log(z / there), np.hypot(sigma, sure))
             return energy
 
-        def energy_of(labels: list[int]) -> float:
-            total = 0.0
-            for f, h in enumerate(labels):
-                if h >= 0:
-                    total += unary(f, h) + EXPLAINED * max(0.0, explained(f, h, labels) - 0.3)
-                    total += sum(pair(f, h, g, labels[g]) for g in neighbours[f] if g > f and labels[g] >= 0)
-            return total
+        def crowd(f: int, h: int, labels: Sequence[int]) -> float:
+            return EXPLAINED * max(0.0, explained(f, h, labels) - 0.3)
 
-        def cost_of(f: int, h: int, labels: list[int], without: int = -1) -> float:
-            """What label h of a face costs beside the others' labels."""
-            if h < 0:
-                return 0.0
-            shared = sum(pair(f, h, g, labels[g]) for g in neighbours[f] if g != without and labels[g] >= 0)
-            return unary(f, h) + EXPLAINED * max(0.0, explained(f, h, labels) - 0.3) + shared
-
-        def best_pair(f: int, g: int, labels: list[int]) -> tuple[int, int]:
-            """The labels of two neighbours that together cost least beside the others'."""
-            trial = list(labels)
-            best_two, least = (labels[f], labels[g]), np.inf
-            for h in [-1, *usable[f]]:
-                for k in [-1, *usable[g]]:
-                    trial[f], trial[g] = h, k
-                    cost = cost_of(f, h, trial, without=g) + cost_of(g, k, trial, without=f) + (pair(f, h, g, k) if h >= 0 and k >= 0 else 0.0)
-                    if cost < least - 1e-9 or (abs(cost - least) <= 1e-9 and (h, k) == (labels[f], labels[g])):
-                        best_two, least = (h, k), min(cost, least)
-            return best_two
-
-        best: list[int] | None = None
-        best_energy = np.inf
-        base = sorted(range(self.num_faces), key=lambda f: -max((self.found[f][h].quality for h in usable[f]), default=-1.0))
-        for attempt in range(8):
-            order = base if attempt == 0 else [int(f) for f in self.rng.permutation(self.num_faces)]
-            labels = [-1] * self.num_faces
-            for _ in range(12):
-                before = list(labels)
-                for f in order:
-                    costs = [(cost_of(f, h, labels), h) for h in [-1, *usable[f]]]
-                    labels[f] = min(costs)[1]
-                # two neighbours at a time: a face may only fit once the one beside it has changed
-                for f in order:
-                    for g in neighbours[f]:
-                        if g > f:
-                            labels[f], labels[g] = best_pair(f, g, labels)
-                if labels == before:
-                    break
-            if (energy := energy_of(labels)) < best_energy - 1e-9:
-                best, best_energy = labels, energy
-        assert best is not None
+        order = sorted(range(self.num_faces), key=lambda f: -max((self.found[f][h].quality for h in usable[f]), default=-1.0))
+        best, energy = choose_labels(usable, unary, pair, crowd, neighbours, order, self.rng)
         for f, h in enumerate(best):
             self.choice[f] = self.found[f][h] if h >= 0 else None
-        return best_energy
+        return energy
 
     def pair_energy(self, f: int, h: int, g: int, k: int, depths: list[list[dict[int, tuple[float, float]]]]) -> float:
         # a plane through corners agrees with the faces that located them by its making: that is no evidence, a contradiction is
