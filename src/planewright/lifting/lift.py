@@ -302,11 +302,11 @@ class _Lifter:
             """Share of the face's pixels that other chosen faces explain."""
             mine = self.found[f][h]
             by_others = np.zeros(len(mine.probe), bool)
-            for g in np.nonzero(mine.covered.any(axis=0))[0]:
+            for g in np.nonzero(mine.covered.any(axis=0))[0].tolist():
                 if labels[g] >= 0:
-                    key = (f, h, int(g), labels[g])
+                    key = (f, h, g, labels[g])
                     if key not in behind_cache:
-                        behind_cache[key] = mine.covered[:, g] & self.explains(mine, int(g), self.found[g][labels[g]])
+                        behind_cache[key] = mine.covered[:, g] & self.explains(mine, g, self.found[g][labels[g]])
                     by_others |= behind_cache[key]
             return float(by_others.mean())
 
