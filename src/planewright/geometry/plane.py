@@ -20,8 +20,3 @@ def fit_plane(points: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"])
     moved = points - centre
     _, vectors = np.linalg.eigh(np.einsum("n,ni,nj->ij", weights, moved, moved))
     return vectors[:, 0], float(vectors[:, 0] @ centre)
-
-
-def signed_distance(normal: Vec3, offset: float, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    """Distance of points from the plane, positive on the side of the normal."""
-    return points @ normal - offset
