@@ -57,7 +57,8 @@ EXPLAINED = 40.0
 
 
 PATCH = 5
-"""Working pixels to each side of a point that is located as a patch of its own."""
+"""Working pixels to each side of a point that is located as a patch of its own. Corners of four clips with truth, taken as points without
+faces: median depth error 1.1, .8, 2.2, 2.8 pixels of motion with 5; 1.2, 1.3, 5.0, 3.1 with 7; 1.4, 1.1, 8.6, 4.7 with 10."""
 DEPTHS = 0.3
 """Spread of the logarithms of depths in a scene."""
 
