@@ -11,6 +11,7 @@ from planewright.model.build import average_up
 from planewright.planes.planar_scene import PlanarScene
 from planewright.refine.rounds import Structure
 from planewright.sfm.cameras import Cameras
+from planewright.tracking.edges import Anchor, EdgeLine
 
 DISAGREEMENT = 3.0
 """Sigmas between a length and the model at which a person should look; the model's own error counts as 0.5 % of the length."""
@@ -105,7 +106,26 @@ def _moved_structure(structure: Structure, turn: Mat3, scale: float) -> Structur
         relation if relation.offset_deviation is None else replace(relation, offset_deviation=scale * relation.offset_deviation)
         for relation in structure.relations
     )
-    return replace(structure, scene=_moved_scene(structure.scene, turn, scale), relations=relations)
+    return replace(
+        structure,
+        scene=_moved_scene(structure.scene, turn, scale),
+        relations=relations,
+        basis=None if structure.basis is None else structure.basis.moved(turn, scale),
+        lines=tuple(_moved_line(line, turn, scale) for line in structure.lines),
+        anchor=None if structure.anchor is None else Anchor(scale * structure.anchor.points @ turn.T, scale**2 * turn @ structure.anchor.covariance @ turn.T),
+    )
+
+
+def _moved_line(line: EdgeLine, turn: Mat3, scale: float) -> EdgeLine:
+    offset, sigma, other = line.offset, line.sigma, line.other_offset
+    return replace(
+        line,
+        across=turn @ line.across,
+        offset=(scale * offset[0], scale * offset[1]),
+        sigma=(scale * sigma[0], scale * sigma[1]),
+        pixel=scale * line.pixel,
+        other_offset=None if other is None else (scale * other[0], scale * other[1]),
+    )
 
 
 def _moved_scene(scene: PlanarScene, turn: Mat3, scale: float) -> PlanarScene:

@@ -10,6 +10,7 @@ from planewright.lifting.lift import Lifted, LiftOptions, lift_sketch
 from planewright.lifting.multiview import MultiviewOptions, measure_faces, plane_points, visible_shares
 from planewright.lifting.rays import MarkRays, mark_rays
 from planewright.lifting.views import ViewOptions, Views, load_views
+from planewright.planes.basis import Basis
 from planewright.planes.evidence import CornerMarks, CornerPriors, Evidence, PlanePoints
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.planar_start import PlanarStart
@@ -64,6 +65,12 @@ class Structure:
     relations: tuple[Relation, ...]
     adjacency: tuple[Adjacency, ...]
     notes: tuple[str, ...]
+    basis: Basis | None = None
+    """What it was solved from, for corrections; None where that was not kept."""
+    lines: tuple[EdgeLine, ...] = ()
+    """The edges as the last round found them."""
+    anchor: Anchor | None = None
+    """Corners as clicks and planes alone give them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +126,7 @@ def refine_structure(
         anchor = anchor or Anchor(structured.scene.points, structured.scene.point_covariance)
     progress(title, total, total)
     notes = (*_edge_notes(sketch, lines), *structured.warnings)
-    return Structure(structured.scene, structured.relations, structured.adjacency, notes)
+    return Structure(structured.scene, structured.relations, structured.adjacency, notes, structured.basis, tuple(lines), anchor)
 
 
 def _round(

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from planewright.arrays import Bool, Float, Int
 from planewright.geometry.plane import tangent_basis
+from planewright.planes.basis import Basis
 from planewright.planes.evidence import Evidence, PlanePoints
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.planar_start import PlanarStart
@@ -65,6 +66,8 @@ class Structured:
     """The final solution, with residuals and the joint covariance."""
     free: StructureSolution
     """The solution before any relation."""
+    basis: Basis
+    """What the final solution was solved from."""
     cost_of_relations: float
     """What all relations together add to twice the cost; about the number of things they fix where they are true."""
     warnings: tuple[str, ...]
@@ -116,6 +119,8 @@ def adjust_structure(
         relations = list_relations(sketch, free, final, required, found, released, options.detect)
         scene = _scene(sketch, final)
         adjacency = adjacent_faces(sketch, final)
+        steps = () if found is None else found.accepted
+        constraints = join_constraints([required.constraints, pair_constraints((step.kind, step.a, step.b) for step in steps)])
         progress(title, 4, 4)
     return Structured(
         scene=scene,
@@ -126,6 +131,7 @@ def adjust_structure(
         overruled_planes=tuple(sketch.faces[f].id for f in overruled),
         solution=final,
         free=free,
+        basis=Basis(walk.evidence, walk.incidences, constraints, final.scale),
         cost_of_relations=2.0 * (final.cost - free.cost),
         warnings=_warnings(sketch, free, final, required, refused, overruled),
     )

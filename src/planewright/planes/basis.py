@@ -1,0 +1,41 @@
+"""What a solved structure rests on: enough to solve it again when one thing is added, without measuring anything anew."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planewright.arrays import Float, Int, Mat3
+from planewright.planes.evidence import CornerLines, CornerMarks, CornerPriors, Evidence, PlanePoints
+from planewright.planes.structure_constraints import StructureConstraints
+from planewright.planes.structure_problem import EvidenceScale
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """The arguments of the last `solve_structure`, but for the start."""
+
+    evidence: Evidence
+    incidences: Int[np.ndarray, "incidences 2"]
+    """Face row and corner row."""
+    constraints: StructureConstraints
+    """Of the relations that are enforced."""
+    scale: EvidenceScale
+
+    def moved(self, turn: Mat3, scale: float) -> "Basis":
+        """The same in the world x' = scale * turn @ x."""
+        points, marks, lines, priors = self.evidence.plane_points, self.evidence.marks, self.evidence.lines, self.evidence.priors
+        # P [x; 1] = P [turn' x' / scale; 1], times the scale, which no pixel sees: so depths stay depths.
+        projection = np.concatenate([marks.projection[:, :, :3] @ turn.T, scale * marks.projection[:, :, 3:]], axis=2)
+        evidence = Evidence(
+            PlanePoints(points.face, _turned(points.point, turn, scale), scale * points.sigma),
+            CornerMarks(marks.corner, projection, marks.xy, marks.sigma),
+            CornerLines(lines.corner, _turned(lines.direction, turn, 1.0), scale * lines.offset, scale * lines.sigma),
+            CornerPriors(priors.corner, _turned(priors.mean, turn, scale), priors.whitening @ turn.T / scale),
+        )
+        given = self.constraints
+        constraints = StructureConstraints(**{**given.__dict__, "across_vector": _turned(given.across_vector, turn, 1.0)})
+        return Basis(evidence, self.incidences, constraints, self.scale)
+
+
+def _turned(vectors: Float[np.ndarray, "rows 3"], turn: Mat3, scale: float) -> Float[np.ndarray, "rows 3"]:
+    return scale * vectors @ turn.T
