@@ -8,13 +8,13 @@ from pathlib import Path
 import planewright.synthetic
 from benchmarks.workloads.workload import ClipFiles, Workload
 from planewright.synthetic import (
+    HARD,
     SyntheticClip,
     boxes,
     demo_scene,
     desktop,
     hall,
     library,
-    object_on_turntable,
     rotating_camera,
     single_plane,
     still_camera,
@@ -24,24 +24,17 @@ from planewright.synthetic import (
 
 
 def rendered() -> list[Workload]:
-    """The shed twice (other paint, other tremor) and without drawn faces, the toy house, one with bare walls through a lens that bends lines,
-    cartons, a hall, a desk and a library from the air, a turntable, and three that must be refused.
-    """
+    """The five twins; the hard set; the shed twice (other paint, other tremor) and without drawn faces; and three that must be refused."""
     size = (640, 360)
+    twins = (boxes, hall, toy_house, desktop, library)
+    refused = (still_camera, rotating_camera, single_plane)
     return [
-        Workload("demo", partial(_draw, demo_scene), quick=True),
-        Workload("demo_1", partial(_draw, partial(demo_scene, seed=1)), quick=True),
-        Workload("demo_edges", partial(_draw, demo_scene, with_faces=False), quick=True),
-        Workload("toy_house", partial(_draw, toy_house)),
-        Workload("bare_house", partial(_draw, partial(toy_house, 150, bare=True, seed=1, distortion=(-0.08, 0.02)))),
-        Workload("boxes", partial(_draw, boxes)),
-        Workload("hall", partial(_draw, hall)),
-        Workload("desktop", partial(_draw, desktop)),
-        Workload("library", partial(_draw, library)),
-        Workload("turntable", partial(_draw, partial(object_on_turntable, 80, size))),
-        Workload("still_camera", partial(_draw, partial(still_camera, 40, size)), expected_status=4, quick=True),
-        Workload("rotating_camera", partial(_draw, partial(rotating_camera, 40, size)), expected_status=4, quick=True),
-        Workload("single_plane", partial(_draw, partial(single_plane, 40, size)), expected_status=4, quick=True),
+        Workload("demo", partial(_draw, demo_scene), "quick", quick=True),
+        Workload("demo_1", partial(_draw, partial(demo_scene, seed=1)), "quick", quick=True),
+        Workload("demo_edges", partial(_draw, demo_scene, with_faces=False), "quick", quick=True),
+        *(Workload(make.__name__, partial(_draw, make), "twin") for make in twins),
+        *(Workload(make.__name__, partial(_draw, make), "hard") for make in HARD),
+        *(Workload(make.__name__, partial(_draw, partial(make, 40, size)), "refused", expected_status=4, quick=True) for make in refused),
     ]
 
 

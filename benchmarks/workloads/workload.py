@@ -22,6 +22,8 @@ class Workload:
     name: str
     prepare: Callable[[Path], ClipFiles]
     """Make or find the files; what is made goes to the folder it is given."""
+    group: str = "recorded"
+    """`twin`: ordinary clips with full truth; `hard`: hard on purpose, each in one way; `quick`: small; `refused`: those that determine no answer."""
     expected_status: int = 0
     """Exit status of `planewright reconstruct`; 4 where the views determine no answer."""
     quick: bool = False

@@ -7,6 +7,7 @@ from planewright.synthetic.difficulty import Difficulty as Difficulty
 from planewright.synthetic.difficulty import clip_difficulty as clip_difficulty
 from planewright.synthetic.difficulty import difficulty as difficulty
 from planewright.synthetic.hall import hall as hall
+from planewright.synthetic.hard import HARD as HARD
 from planewright.synthetic.houses import demo_scene as demo_scene
 from planewright.synthetic.houses import toy_house as toy_house
 from planewright.synthetic.library import library as library

@@ -5,7 +5,7 @@ import numpy as np
 from planewright.synthetic.clip import SyntheticClip, centered_camera
 from planewright.synthetic.motion import Path, draw_tremor
 from planewright.synthetic.render import RenderOptions
-from planewright.synthetic.scene import Scene, Surface, blob, box, face_surfaces, pillar, quad, sketched_box
+from planewright.synthetic.scene import Scene, Surface, as_part, blob, box, face_surfaces, pillar, quad, sketched_box
 from planewright.synthetic.textures import Painter, books, bricks, parcel, planks, plaster, print_on, speckled
 
 
@@ -29,11 +29,13 @@ def boxes(num_frames: int = 300, size: tuple[int, int] = (960, 540), seed: int =
         "small_s": print_on(white, 40, 0.2), "small_e": print_on((52, 88, 128), 40, 0.2), "small_top": parcel(white, (120, 60, 50)),
         "upper_s": parcel(pale, (96, 66, 46)), "upper_e": plaster(pale, 0.05, 0.2), "upper_w": parcel(pale, (96, 66, 46)), "upper_top": parcel(pale),
     }  # fmt: skip
-    around: list[Surface] = [
+    room = [
         quad((-5.0, -4.5, 0.0), (10.0, 0, 0), (0, 9.0, 0), planks((150, 112, 76), 0.3, 0.14), 0.5 * density),
         quad((-5.0, 3.2, 0.0), (10.0, 0, 0), (0, 0, 4.5), bricks((170, 150, 134), (206, 198, 188), 0.4, 0.16), 0.3 * density),
         quad((-4.6, -4.5, 0.0), (0, 9.0, 0), (0, 0, 4.5), books(0.8), 0.3 * density),
         quad((4.6, 4.5, 0.0), (0, -9.0, 0), (0, 0, 4.5), print_on((180, 190, 196), 6, 0.5), 0.3 * density),
+    ]
+    clutter: list[Surface] = [
         *pillar((0.12, -1.15, 0.0), 0.15, 0.46, 14, print_on((206, 186, 84), 90, 0.14), 0.8 * density),
         *blob((-1.35, -0.75, 0.24), (0.24, 0.24, 0.24), 0.0, plaster((190, 52, 40), 0.07, 0.15), 0.8 * density, rng),
         *blob((1.95, 0.45, 0.3), (0.34, 0.34, 0.34), 0.16, speckled((52, 98, 34), (118, 158, 62), 0.04), 0.7 * density, rng),
@@ -51,5 +53,6 @@ def boxes(num_frames: int = 300, size: tuple[int, int] = (960, 540), seed: int =
         tremor=draw_tremor(0.035, 0.8, rng),
         sweeps=max(1, round(num_frames / 450)),
     )
+    around = (*as_part("room", room), *as_part("clutter", clutter))
     scene = Scene(points, faces, (*face_surfaces(points, faces, paints, density), *hidden, *around), (0.3, -0.65, 0.8))
     return SyntheticClip("boxes", scene, path, centered_camera(size, 0.8), RenderOptions(seed=seed))

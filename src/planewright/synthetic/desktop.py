@@ -5,7 +5,7 @@ import numpy as np
 from planewright.synthetic.clip import SyntheticClip, centered_camera
 from planewright.synthetic.motion import Walk, draw_tremor
 from planewright.synthetic.render import RenderOptions
-from planewright.synthetic.scene import Scene, Surface, TrueFace, blob, box, face_surfaces, pillar, quad, sketched_box
+from planewright.synthetic.scene import Scene, Surface, TrueFace, as_part, blob, box, face_surfaces, pillar, quad, sketched_box
 from planewright.synthetic.textures import Painter, books, parcel, planks, plaster, print_on, screen, speckled
 
 
@@ -49,23 +49,29 @@ def desktop(num_frames: int = 150, size: tuple[int, int] = (960, 540), seed: int
         "tower_s": print_on((58, 60, 66), 24, 0.16), "tower_w": steel, "tower_top": steel,
     }  # fmt: skip
     wood = plaster((112, 82, 54), 0.06)
-    around: list[Surface] = [
+    board = [
         quad((-1.8, -0.85, -0.09), (4.3, 0, 0), (0, 0, 0.09), wood, density),
         quad((2.5, -0.85, -0.09), (0, 1.65, 0), (0, 0, 0.09), wood, 0.6 * density),
         quad((-1.8, 0.8, -0.09), (0, -1.65, 0), (0, 0, 0.09), wood, 0.6 * density),
+    ]
+    room = [
         quad((-5.0, -4.5, -1.45), (10.0, 0, 0), (0, 6.0, 0), speckled((96, 86, 76), (132, 120, 104), 0.1), 0.4 * density),
         quad((-5.0, 1.15, -1.45), (10.0, 0, 0), (0, 0, 5.0), plaster((178, 182, 176), 0.03, 0.5), 0.4 * density),
         quad((-4.0, -4.5, -1.45), (0, 5.65, 0), (0, 0, 5.0), books(0.8), 0.35 * density),
         quad((4.0, 1.15, -1.45), (0, -5.65, 0), (0, 0, 5.0), print_on((186, 180, 170), 8, 0.4), 0.35 * density),
         quad((-1.9, 1.13, 0.75), (0.9, 0, 0), (0, 0, 1.1), print_on((206, 200, 188), 40, 0.2), 0.6 * density),
         quad((0.5, 1.13, 1.55), (1.3, 0, 0), (0, 0, 0.8), print_on((70, 100, 120), 40, 0.2), 0.6 * density),
-        # The rest of the monitor, and its foot.
+    ]
+    # The rest of the monitor, and its foot.
+    monitor = [
         quad((left, back, low), (0, front - back, 0), (0, 0, high - low), black, 0.5 * density),
         quad((right, back, low), (left - right, 0, 0), (0, 0, high - low), black, 0.5 * density),
         quad((left, back, low), (right - left, 0, 0), (0, front - back, 0), black, 0.5 * density),
         *box((-0.02, 0.5, 0.0), (0.22, 0.08, low), 0.0, black, 0.7 * density),
         *box((-0.02, 0.48, 0.0), (0.6, 0.36, 0.03), 0.0, black, 0.7 * density),
-        # What nobody sketched.
+    ]
+    # What nobody sketched.
+    clutter: list[Surface] = [
         *box((1.45, 0.0, 0.0), (0.26, 0.34, 0.6), -9.0, cloth, 0.7 * density),
         *box((0.4, -0.5, 0.0), (0.8, 0.3, 0.05), 3.0, print_on((60, 62, 66), 160, 0.05), density),
         *box((-1.15, -0.4, 0.0), (0.5, 0.36, 0.09), 22.0, print_on((150, 50, 46), 60, 0.16), 0.8 * density),
@@ -79,5 +85,6 @@ def desktop(num_frames: int = 150, size: tuple[int, int] = (960, 540), seed: int
     places = [(2.4, -2.9, 2.2), (1.3, -2.7, 1.95), (0.3, -2.8, 1.6), (-0.5, -2.85, 1.55), (-1.0, -3.0, 1.6), (-0.4, -3.1, 1.6), (0.5, -2.9, 1.65)]
     targets = [(1.8, 0.1, 0.35), (1.35, 0.1, 0.4), (0.0, 0.1, 0.3), (-0.4, 0.1, 0.3), (-0.7, 0.05, 0.22), (-0.2, 0.1, 0.3), (0.1, 0.1, 0.3)]
     walk = Walk(num_frames, np.array(places), np.array(targets), draw_tremor(0.03, 0.8, rng))
+    around = (*board, *as_part("room", room), *monitor, *as_part("clutter", clutter))
     scene = Scene(points, faces, (*face_surfaces(points, faces, paints, density), *hidden, *around), (0.25, -0.7, 0.8), ambient=0.6)
     return SyntheticClip("desktop", scene, walk, centered_camera(size, 0.8), RenderOptions(seed=seed))

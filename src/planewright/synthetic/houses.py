@@ -5,7 +5,7 @@ import numpy as np
 from planewright.synthetic.clip import SyntheticClip, centered_camera
 from planewright.synthetic.motion import Path, draw_tremor
 from planewright.synthetic.render import RenderOptions
-from planewright.synthetic.scene import Scene, Surface, TrueFace, blob, box, face_surfaces, pillar, quad
+from planewright.synthetic.scene import Scene, Surface, TrueFace, as_part, blob, box, face_surfaces, pillar, quad
 from planewright.synthetic.textures import Painter, books, bricks, door, planks, plaster, print_on, shingles, siding, speckled, window
 
 _SUN = (0.35, -0.65, 0.8)
@@ -148,12 +148,14 @@ def toy_house(
             k: dark for k in ("gable", "far_gable", "dorm_front", "stack_s", "stack_e", "stack_w")
         }
     bush = speckled((46, 88, 32), (112, 150, 58), 0.05)
-    around: list[Surface] = [
+    room = [
         quad((-6.0, -5.5, -0.01), (12.0, 0, 0), (0, 11.0, 0), planks((150, 108, 70), 0.5), 0.75 * density),
         quad((-3.2, -2.3, 0.0), (6.5, 0, 0), (0, 4.4, 0), speckled((84, 112, 52), (140, 138, 74), 0.07), 0.9 * density),
         quad((-6.0, 4.6, 0.0), (12.0, 0, 0), (0, 0, 6.0), print_on((204, 198, 186), 3, 0.7), 0.45 * density),
         quad((-5.9, -5.5, 0.0), (0, 11.0, 0), (0, 0, 6.0), books(0.9), 0.4 * density),
         quad((5.9, 5.5, 0.0), (0, -11.0, 0), (0, 0, 6.0), print_on((176, 190, 196), 4, 0.6), 0.4 * density),
+    ]
+    clutter: list[Surface] = [
         *box((-3.6, 2.6, 0.0), (1.3, 1.0, 1.1), 25.0, print_on((60, 110, 130), 12, 0.4), 0.7 * density),
         *box((3.9, 2.6, 0.0), (1.0, 1.2, 1.7), -20.0, print_on((186, 120, 60), 12, 0.4), 0.7 * density),
         *box((0.6, 3.4, 0.0), (1.6, 0.8, 1.3), 5.0, print_on((120, 70, 110), 12, 0.4), 0.7 * density),
@@ -169,6 +171,7 @@ def toy_house(
         _back((west, back), (west, south), wing_top, brick, density),
         quad((c_e, c_n, ridge_z - 0.6), (c_w - c_e, 0, 0), (0, 0, stack_top - ridge_z + 0.6), stone, density),
     )
+    around = (*as_part("room", room), *as_part("clutter", clutter))
     scene = Scene(points, faces, (*face_surfaces(points, faces, paints, density), *hidden, *around), (0.3, -0.7, 0.8))
     path = Path(
         num_frames=num_frames,

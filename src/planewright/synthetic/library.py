@@ -5,7 +5,7 @@ import numpy as np
 from planewright.synthetic.clip import SyntheticClip, centered_camera
 from planewright.synthetic.motion import Path, draw_tremor
 from planewright.synthetic.render import RenderOptions
-from planewright.synthetic.scene import Scene, Surface, TrueFace, blob, box, face_surfaces, pillar, quad, sketched_box
+from planewright.synthetic.scene import Scene, Surface, TrueFace, as_part, blob, box, face_surfaces, pillar, quad, sketched_box
 from planewright.synthetic.textures import Painter, bricks, plaster, print_on, shingles, siding, speckled, window
 
 
@@ -52,7 +52,7 @@ def library(num_frames: int = 500, size: tuple[int, int] = (960, 540), seed: int
         "kiosk_s": print_on((204, 190, 90), 12, 0.3), "kiosk_w": siding((96, 132, 122), 0.16), "kiosk_top": plaster((120, 116, 110), 0.09),
         "plaza": bricks((186, 170, 150), (150, 138, 122), 0.44, 0.44, 0.1), "lawn": speckled((84, 122, 48), (132, 150, 74), 0.14),
     }  # fmt: skip
-    around: list[Surface] = [
+    room: list[Surface] = [
         # Layers of the ground lie closer together than light starts above a surface (2e-3), so that none darkens the one below it.
         quad((-45.0, -36.0, -0.0012), (90.0, 0, 0), (0, 90.0, 0), speckled((112, 114, 92), (150, 142, 116), 0.35), 0.24 * density),
         quad((-8.6, -7.3, -0.0008), (15.4, 0, 0), (0, 14.0, 0), speckled((118, 118, 98), (152, 144, 120), 0.25), 0.5 * density),
@@ -62,13 +62,14 @@ def library(num_frames: int = 500, size: tuple[int, int] = (960, 540), seed: int
         *box((11.2, 3.0, -0.0012), (3.0, 2.4, 1.8), -8.0, print_on((190, 186, 176), 4, 0.5), 0.5 * density),
         *box((-1.5, 8.6, -0.0012), (5.0, 2.2, 2.4), 4.0, window((190, 176, 160), (70, 84, 104), 6, 2), 0.5 * density),
     ]
+    clutter: list[Surface] = []
     leaves = speckled((44, 84, 32), (104, 142, 58), 0.1)
     bark = plaster((96, 74, 54), 0.1)
     trees = [(1.3, -4.4, 1.2), (2.0, -1.5, 1.0), (5.0, -1.3, 1.3), (4.7, -4.9, 1.1), (-4.6, -3.6, 1.2), (-2.4, -5.7, 1.0), (-0.9, -3.6, 0.9), (-4.6, 0.2, 1.5)]
     trees += [(-5.2, 2.8, 1.6), (6.3, 3.8, 1.5), (0.6, 5.2, 1.6), (-6.8, -2.6, 1.3)]
     for x, y, high in trees:
-        around += pillar((x, y, -0.0012), 0.07, high, 6, bark, 0.6 * density)
-        around += blob((x, y, high), (0.46 * high, 0.46 * high, 0.5 * high), 0.14, leaves, 0.8 * density, rng)
+        clutter += pillar((x, y, -0.0012), 0.07, high, 6, bark, 0.6 * density)
+        clutter += blob((x, y, high), (0.46 * high, 0.46 * high, 0.5 * high), 0.14, leaves, 0.8 * density, rng)
     hidden = [Surface((np.array(loop),), pale, 0.6 * density) for b in buildings for loop in b.hidden]
     hidden.append(quad((east, north, 0.0), (west - east, 0, 0), (0, 0, eaves), stone, 0.6 * density))
     path = Path(
@@ -80,5 +81,6 @@ def library(num_frames: int = 500, size: tuple[int, int] = (960, 540), seed: int
         tremor=draw_tremor(0.12, 0.8, rng),
         sweeps=max(1, round(num_frames / 700)),
     )
+    around = (*as_part("room", room), *as_part("clutter", clutter))
     scene = Scene(points, faces, (*face_surfaces(points, faces, paints, density), *hidden, *around), (0.45, -0.6, 0.85))
     return SyntheticClip("library", scene, path, centered_camera(size, 0.82, (-0.06, 0.012)), RenderOptions(seed=seed))

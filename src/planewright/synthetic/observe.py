@@ -1,5 +1,6 @@
 """The truth of a clip as JSON (`planewright-truth`), and the sketch a person would draw on it."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -74,8 +75,11 @@ def face_planes(scene: Scene) -> tuple[Float[np.ndarray, "faces 3"], Float[np.nd
 
 
 def _relations(scene: Scene) -> tuple[dict[str, list[list[str]]], list[dict[str, object]]]:
-    """Pairs of faces that are parallel, orthogonal, coplanar; and those that nearly are. Read off exact planes, so closed under transitivity."""
-    normals, offsets = face_planes(scene)
+    """Pairs of faces that are parallel, orthogonal, coplanar; and those that nearly are. Read off exact planes, so closed under transitivity.
+
+    Of what was built a little off, the relations that were meant.
+    """
+    normals, offsets = face_planes(scene if scene.meant is None else replace(scene, points=scene.meant))
     ids = [f.id for f in scene.faces]
     relations: dict[str, list[list[str]]] = {"parallel": [], "orthogonal": [], "coplanar": []}
     near: list[dict[str, object]] = []
@@ -122,6 +126,7 @@ def truth(clip: SyntheticClip) -> dict[str, object]:
             {"id": f.id, "loop": list(f.loop), "holes": [list(h) for h in f.holes], "normal": normals[i].tolist(), "offset": float(offsets[i])}
             for i, f in enumerate(scene.faces)
         ],
+        "as_built": scene.meant is not None,
         "relations": relations,
         "near_misses": near,
         "tracks": {

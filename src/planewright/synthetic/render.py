@@ -42,6 +42,8 @@ class RenderOptions:
     """Standard deviation of the sensor noise, grey levels."""
     exposure_drift: float = 0.12
     """Largest change of brightness over the clip, as a share."""
+    crf: int = 23
+    """Constant rate factor of the H.264 encoder; 23 is its default, from about 34 on blocks show."""
     seed: int = 0
     """Seed of the paint and the noise."""
 

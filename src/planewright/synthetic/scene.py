@@ -1,13 +1,17 @@
 """A scene of textured planar polygons with exact geometry: what the renderer draws and what the truth is read from."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from planewright.arrays import Float, Vec3
 from planewright.geometry.rigid import rotations_from_vectors
 from planewright.synthetic.textures import Painter
+
+Part = Literal["thing", "room", "clutter"]
+"""What is sketched and its unsketched sides; what stands around it for good; what merely lies about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +27,7 @@ class Surface:
     """Carried along by the scene's moving object (a turntable)."""
     facet: bool = False
     """One small facet of a round thing: it shares its texture with the other facets of that paint and has one light all over."""
+    part: Part = "thing"
 
     @property
     def normal(self) -> Vec3:
@@ -55,6 +60,8 @@ class Scene:
     """How far a surface shades others from the sky, as a share of the diagonal; small in a room, where walls would shut out all light."""
     background: tuple[float, float, float] = (150.0, 155.0, 160.0)
     """Colour where no surface is hit."""
+    meant: dict[str, tuple[float, float, float]] | None = None
+    """Where the corners were meant to be, when the thing was built a little off: relations are those of the intent."""
 
     def corner_array(self, ids: Sequence[str]) -> Float[np.ndarray, "corners 3"]:
         """World positions of corners."""
@@ -82,6 +89,11 @@ def face_surfaces(
         return np.array([points[k] for k in ids])
 
     return tuple(Surface((loop(f.loop), *(loop(h) for h in f.holes)), paints[f.id], density, moving) for f in faces)
+
+
+def as_part(part: Part, surfaces: Iterable[Surface]) -> list[Surface]:
+    """The same surfaces, told what they are part of."""
+    return [replace(s, part=part) for s in surfaces]
 
 
 def quad(corner: Sequence[float | int], along: Sequence[float | int], up: Sequence[float | int], paint: Painter, density: float) -> Surface:

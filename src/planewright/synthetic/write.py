@@ -15,7 +15,7 @@ from planewright.synthetic.clip import SyntheticClip
 from planewright.synthetic.observe import draw, truth
 
 
-def write_video(clip: SyntheticClip, file: Path, crf: int = 23, fps: int = 30, *, progress: Progress = silent) -> None:
+def write_video(clip: SyntheticClip, file: Path, fps: int = 30, *, progress: Progress = silent) -> None:
     """H.264 in MP4, frame by frame: memory does not grow with the clip.
 
     One encoder thread and `cpu-independent`, so that the same clip gives the same bytes: with x264's AVX-512 routines eight encodings
@@ -24,8 +24,9 @@ def write_video(clip: SyntheticClip, file: Path, crf: int = 23, fps: int = 30, *
     Raises OutputError where the file cannot be written.
     """
     width, height = clip.intrinsics.image_size
+    codec = {"crf": str(clip.options.crf), "preset": "veryfast", "threads": "1", "x264-params": "cpu-independent=1"}
     with whole_file(file) as temporary, av.open(str(temporary), "w") as container:
-        stream = container.add_stream("libx264", rate=fps, options={"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": "cpu-independent=1"})
+        stream = container.add_stream("libx264", rate=fps, options=codec)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.time_base = Fraction(1, fps)
         renderer = clip.renderer
