@@ -23,13 +23,17 @@ from planewright.tracking.kernels import edge_strip, line_scores
 class EdgeOptions:
     """How edges are searched."""
 
-    prior: float = 0.6
+    prior: float = 0.2
     """Standard deviation of the present position of an end besides what the corners' covariance says, working pixels in a view that
     sees the edge well."""
     height_weight: float = 1.0
     """What the logarithm of a line's height (its steepness above the strip's median, the steepest line having 1) weighs against the
     log-likelihood of where it is: a line half as steep wins when it is nearer by 0.7 units."""
-    region_weight: float = 8.0
+    near_best: float = 0.5
+    missing_weight: float = 1.0
+    outstanding: float = 10.0
+    outstanding_weight: float = 1.0
+    region_weight: float = 4.0
     """What parting the face's texture from what is beside it weighs, from 0 (parts nothing) to 1 (all texture on one side)."""
     region_sigma: float = 4.0
     """How well that locates an edge by itself, the same pixels: it counts for little where the corners are known better, since
@@ -44,13 +48,13 @@ class EdgeOptions:
     """Lower maxima are no candidates."""
     reject: float = 9.0
     """No line is taken where the best candidate's score (log-likelihood units) is below minus this."""
-    search: float = 3.0
+    search: float = 4.0
     """An end is searched this many standard deviations to both sides."""
     max_search: float = 40.0
     """Never further than this, the same pixels."""
-    step: float = 0.5
+    step: float = 0.4
     """Finest spacing of the offsets, the same pixels; wide searches have at most `max_steps` to a side."""
-    max_steps: int = 54
+    max_steps: int = 70
     """Steps to a side."""
     sample_spacing: float = 2.5
     """Spacing along the edge, the same pixels."""
@@ -58,12 +62,12 @@ class EdgeOptions:
     """Samples along an edge."""
     limit: float = 24.0
     """Grey levels: steeper differences than this count for less and less, never for more than this: one bright stain must not be the edge."""
-    sigma: float = 0.4
+    sigma: float = 0.35
     """Standard deviation of a clear line in all, the same pixels: an edge's error is a bias common to all views (shading, rounding,
     a line beside it), so more views do not make it smaller."""
     min_contrast: float = 1.15
     """The best line must be this much steeper than the strip's median."""
-    missing: float = 0.005
+    missing: float = 0.02
     """The chance that the drawn edge is none of the candidates is that of a line of this height right where it is expected."""
     ambiguous: float = 0.5
     """A second candidate over three pixels off (both ends together) that is at least this likely, relative to the best, makes the edge
@@ -87,6 +91,9 @@ class EdgeLine:
     face: int
     across: Vec3
     """Unit vector in the plane, at right angles to the edge."""
+    facing: Vec3
+    """Unit vector at right angles to the edge and to the mean line of sight: what the views measure is along it. Were the plane a little
+    off, the line found in it would be off along the line of sight, so `across` would say too much on faces seen at a glance."""
     offset: tuple[float, float]
     """Of the line at the two ends, along `across`, from the present corners; world units."""
     sigma: tuple[float, float]
@@ -164,7 +171,7 @@ def _measure(
     if usable.sum() < 2:
         return None
     best = float(np.percentile(per_unit[usable], 95))
-    chosen = np.nonzero(usable & (per_unit > 0.35 * best) & (per_unit < 3 * best))[0]
+    chosen = np.nonzero(usable & (per_unit > options.near_best * best) & (per_unit < 3 * best))[0]
     if len(chosen) < 2:
         return None
     pixel = 1.0 / best
@@ -185,24 +192,26 @@ def _measure(
     step = search / reach
     half = 2 * reach
     scale = owners.shape[1] / views.images.shape[1]
-    best_strip: tuple[float, float, Float[np.ndarray, "s w"], Float[np.ndarray, "s"], Float[np.ndarray, "4 s w"]] | None = None
+    best_strip: tuple[float, float, Float[np.ndarray, "s w"], Float[np.ndarray, "s"], Float[np.ndarray, "4 s w"], Float[np.ndarray, "v"]] | None = None
     for sign in (1.0, -1.0):
         # which side of the edge the face is on is found by looking: `owners` knows its polygon
         strip, count, texture = np.zeros((samples, 2 * half + 1)), np.zeros(samples), np.zeros((4, samples, 2 * half + 1))
+        seen = np.zeros(len(chosen))
         edge_strip(
             views.images, chosen, projections, a, along, across, half, step * pixel, sign * 3.0 * pixel, owners, scale, face, options.limit,
-            strip, count, texture,
+            strip, count, texture, seen,
         )  # fmt: skip
         if best_strip is None or count.sum() > best_strip[0]:
-            best_strip = (float(count.sum()), sign, strip, count, texture)
+            best_strip = (float(count.sum()), sign, strip, count, texture, seen)
     assert best_strip is not None
-    _, sign, strip, count, texture = best_strip
+    _, sign, strip, count, texture, seen = best_strip
     enough = count >= max(2.0, 0.1 * count.max())
     if enough.sum() < 3:
         return None
     mean = np.where(enough[:, None], strip / np.maximum(count, 1.0)[:, None], 0.0)
     region = _region(texture / np.maximum(count, 1.0)[None, :, None], enough, sign, step, options)
-    return _best_line(mean, region, enough, edge, face, across, pixel, reach, step, middles, priors, options)
+    facing = _facing(views.centers[chosen], seen, 0.5 * (a + b), along, across)
+    return _best_line(mean, region, enough, edge, face, (across, facing), pixel, reach, step, middles, priors, options)
 
 
 def _pixels_across(views: Views, a: Vec3, b: Vec3, across: Vec3) -> tuple[Float[np.ndarray, "views"], Float[np.ndarray, "views"]]:
@@ -222,6 +231,14 @@ def _pixels_across(views: Views, a: Vec3, b: Vec3, across: Vec3) -> tuple[Float[
     lo, hi = xy[:, :2].min(axis=1), xy[:, :2].max(axis=1)
     ok &= (hi[:, 0] > 0) & (hi[:, 1] > 0) & (lo[:, 0] < width) & (lo[:, 1] < height)
     return np.where(ok, np.abs((jac * normal).sum(axis=1)), 0.0), np.where(ok, size, 0.0)
+
+
+def _facing(centers: Float[np.ndarray, "views 3"], weight: Float[np.ndarray, "views"], middle: Vec3, along: Vec3, across: Vec3) -> Vec3:
+    """Mean normal of the planes through the edge and the cameras, by how much each shows of it, on the side of `across`."""
+    normal = np.cross(middle - centers, along)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    mean = weight @ (normal * np.sign(normal @ across)[:, None])
+    return mean / np.linalg.norm(mean)
 
 
 def _region(
@@ -251,7 +268,7 @@ def _best_line(
     enough: Bool[np.ndarray, "samples"],
     edge: tuple[int, int],
     face: int,
-    across: Vec3,
+    directions: tuple[Vec3, Vec3],
     pixel: float,
     reach: int,
     step: float,
@@ -278,14 +295,19 @@ def _best_line(
     weight = options.region_weight * (1.0 - float(np.exp(-((max(priors) / options.region_sigma) ** 2))))
     parts = np.empty((size, size))
     line_scores(region, enough, 2 * reach, parts)
-    posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) + weight * (parts - parts.max()) - away, -np.inf)
+    usual = float(np.median(scores))
+    clutter = max(1.4826 * float(np.median(np.abs(scores - usual))), 0.02 * float(scores.max()), 0.1)
+    stands_out = np.minimum((scores - usual) / clutter, options.outstanding)
+    most = float(stands_out[peak].max())
+    stands_out -= most
+    posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) + options.outstanding_weight * stands_out + weight * (parts - parts[peak].max()) - away, -np.inf)
     i, j = (int(v) for v in np.unravel_index(int(np.argmax(posterior)), posterior.shape))
     if posterior[i, j] < -options.reject:
         return None
     contrast = float(scores[i, j]) / max(floor, 0.35)
     # the candidates' mixture, with the chance that none of them is the edge: where several are as good, their spread is the error
     chance = np.where(peak, np.exp(posterior - posterior[i, j]), 0.0)
-    missing = float(np.exp(options.height_weight * np.log(options.missing) - posterior[i, j]))
+    missing = float(np.exp(options.height_weight * np.log(options.missing) - options.missing_weight * max(most - 3.0, 0.0) - posterior[i, j]))
     chance[np.hypot(ends[:, None] - ends[i], ends[None] - ends[j]) < 1.5] = 0.0
     chance[i, j] = 1.0
     total = float(chance.sum()) + missing
@@ -306,7 +328,7 @@ def _best_line(
     k, m = (int(v) for v in np.unravel_index(int(np.argmax(rival)), rival.shape))
     ambiguous = bool(rival[k, m] > options.ambiguous)
     return EdgeLine(
-        edge, face, across, (offset[0], offset[1]), (sigma[0], sigma[1]), pixel, contrast, ambiguous,
+        edge, face, *directions, (offset[0], offset[1]), (sigma[0], sigma[1]), pixel, contrast, ambiguous,
         (float(ends[k] - ends[i]) * pixel, float(ends[m] - ends[j]) * pixel) if ambiguous else None,
     )  # fmt: skip
 
@@ -326,7 +348,8 @@ def corner_lines(lines: Sequence[EdgeLine], points: Float[np.ndarray, "points 3"
     for line in lines:
         for end in (0, 1):
             corner.append(line.edge[end])
-            direction.append(line.across)
-            offset.append(float(line.across @ points[line.edge[end]]) + line.offset[end])
-            sigma.append(line.sigma[end] * np.sqrt(times[line.edge]))
+            slant = float(line.facing @ line.across)
+            direction.append(line.facing)
+            offset.append(float(line.facing @ points[line.edge[end]]) + slant * line.offset[end])
+            sigma.append(slant * line.sigma[end] * np.sqrt(times[line.edge]))
     return CornerLines(np.array(corner, int), np.array(direction, float).reshape(-1, 3), np.array(offset, float), np.array(sigma, float))

@@ -13,7 +13,7 @@ from planewright.geometry.bilinear_kernels import bilinear
 
 @njit(cache=True)
 @no_type_check
-def edge_strip(images, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, face, limit, strip, count, texture):
+def edge_strip(images, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, face, limit, strip, count, texture, seen):
     """Steepness across an edge, and what its plane carries from view to view, both averaged in the edge's own plane.
 
     images (V, h, w) uint8; chosen (C,) views; projections (V, 3, 4) to array coordinates; start (3,) first corner, along (3,) to the
@@ -21,7 +21,7 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
     inside: offset (world units, signed) at which a point just inside the face is looked up in owners (V, h2, w2), which must name
     `face` there. limit: a difference d of grey values over two steps counts as d / (1 + d / limit): monotonic, so a sharp edge keeps
     one peak.
-    Adds to strip (S, 2 half + 1), count (S,) and texture (4, S, 2 half + 1): sums over views of the differences along the edge, of their
+    Adds to strip (S, 2 half + 1), count (S,), seen (C,) the samples used in each view, and texture (4, S, 2 half + 1): sums over views of the differences along the edge, of their
     absolute values, and the same of those across it.
     """
     samples, width = strip.shape
@@ -63,6 +63,7 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
             if not there[s]:
                 continue
             count[s] += 1
+            seen[c] += 1
             beside = s + 1 < samples and there[s + 1]
             for j in range(width):
                 slope = rows[s, j + 2] - rows[s, j]
