@@ -30,8 +30,8 @@ class EdgeOptions:
     """What the logarithm of a line's height (its steepness above the strip's median, the steepest line having 1) weighs against the
     log-likelihood of where it is: a line half as steep wins when it is nearer by 0.7 units."""
     near_best: float = 0.5
-    missing_weight: float = 1.0
-    outstanding: float = 10.0
+    missing_weight: float = 0.5
+    outstanding: float = 6.0
     outstanding_weight: float = 1.0
     region_weight: float = 4.0
     """What parting the face's texture from what is beside it weighs, from 0 (parts nothing) to 1 (all texture on one side)."""
@@ -297,7 +297,7 @@ def _best_line(
     line_scores(region, enough, 2 * reach, parts)
     usual = float(np.median(scores))
     clutter = max(1.4826 * float(np.median(np.abs(scores - usual))), 0.02 * float(scores.max()), 0.1)
-    stands_out = np.minimum((scores - usual) / clutter, options.outstanding)
+    stands_out = 0.5 * np.clip((scores - usual) / clutter, 0.0, options.outstanding) ** 2
     most = float(stands_out[peak].max())
     stands_out -= most
     posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) + options.outstanding_weight * stands_out + weight * (parts - parts[peak].max()) - away, -np.inf)
@@ -307,7 +307,7 @@ def _best_line(
     contrast = float(scores[i, j]) / max(floor, 0.35)
     # the candidates' mixture, with the chance that none of them is the edge: where several are as good, their spread is the error
     chance = np.where(peak, np.exp(posterior - posterior[i, j]), 0.0)
-    missing = float(np.exp(options.height_weight * np.log(options.missing) - options.missing_weight * max(most - 3.0, 0.0) - posterior[i, j]))
+    missing = float(np.exp(options.height_weight * np.log(options.missing) - options.missing_weight * max(most - 4.5, 0.0) - posterior[i, j]))
     chance[np.hypot(ends[:, None] - ends[i], ends[None] - ends[j]) < 1.5] = 0.0
     chance[i, j] = 1.0
     total = float(chance.sum()) + missing
