@@ -9,7 +9,7 @@ from planewright.arrays import Float
 from planewright.errors import GeometryError, SketchError
 from planewright.features.features import Features
 from planewright.features.follow import FollowOptions, follow_features
-from planewright.geometry.camera import Intrinsics
+from planewright.geometry.lens import Lens
 from planewright.progress import Progress, silent
 from planewright.refine.rounds import RefineOptions, Structure
 from planewright.sfm.solve import Refused, SfmOptions, Solved, solve_cameras
@@ -121,14 +121,13 @@ def check_structure(structure: Structure) -> None:
     raise GeometryError(f"The cameras were found, but no drawn face could be placed in space. {because}".strip() + " Mark the corners in one more frame.")
 
 
-def without_distortion(sketch: Sketch, lens: Intrinsics) -> Sketch:
-    """The sketch with its marks where the undistorted frames show them."""
-    if not lens.distortion:
+def without_distortion(sketch: Sketch, lens: Lens) -> Sketch:
+    """The sketch with its marks where the straight frames show them."""
+    if lens.straight:
         return sketch
 
     def moved(point: SketchPoint) -> SketchPoint:
-        seen = np.array(list(point.marks.values()), dtype=np.float64).reshape(-1, 2)
-        straight = lens.pinhole().to_pixels(lens.normalize(seen))
-        return replace(point, marks={frame: (float(x), float(y)) for frame, (x, y) in zip(point.marks, straight, strict=True)})
+        straight = {frame: lens.to_straight(frame, np.array([xy], dtype=np.float64))[0] for frame, xy in point.marks.items()}
+        return replace(point, marks={frame: (float(x), float(y)) for frame, (x, y) in straight.items()})
 
     return replace(sketch, points=tuple(moved(point) for point in sketch.points))
