@@ -1,6 +1,6 @@
 """Run `planewright reconstruct` on every workload and write what came of it: figures against the truth, seconds a stage, peak memory.
 
-python -m benchmarks.run [NAME ...] [--quick] [--output DIR]
+python -m benchmarks.run [NAME ...] [--group GROUP] [--quick] [--output DIR]
 """
 
 import argparse
@@ -28,14 +28,19 @@ Value = TypeVar("Value")
 def measure(workload: Workload, folder: Path) -> dict[str, Any]:
     """All figures of one workload."""
     files = in_fresh_process(workload.prepare, folder / "input")
-    result = folder / "result"
+    figures = reconstructed(files, folder / "result")
+    figures["status_as_expected"] = int(figures["status"] == workload.expected_status)
+    return figures if figures["status"] else figures | in_fresh_process(scored, files, folder / "result")
+
+
+def reconstructed(files: ClipFiles, result: Path) -> dict[str, Any]:
+    """Run the command on a clip into the folder `result` (an earlier one is removed): its status, seconds in all and a stage, peak memory."""
     shutil.rmtree(result, ignore_errors=True)
     command = [*planewright_command(), "reconstruct", str(files.clip), "--sketch", str(files.sketch), "--output", str(result), "--quiet"]
     start = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", errors="replace")
     figures: dict[str, Any] = {
         "status": done.returncode,
-        "status_as_expected": int(done.returncode == workload.expected_status),
         "seconds": round(time.perf_counter() - start, 2),
     }
     if done.returncode:
@@ -45,7 +50,7 @@ def measure(workload: Workload, folder: Path) -> dict[str, Any]:
     figures["stages"] = record["seconds"]
     if record.get("peak_memory_bytes"):
         figures["peak_memory_mb"] = round(record["peak_memory_bytes"] / 1e6, 1)
-    return figures | in_fresh_process(scored, files, result)
+    return figures
 
 
 def scored(files: ClipFiles, result: Path) -> dict[str, Any]:
@@ -96,10 +101,13 @@ def _short(value: object) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", help="workloads to run; all by default")
+    parser.add_argument("--group", help="only the workloads of one group: twin, hard, quick, refused, recorded")
     parser.add_argument("--quick", action="store_true", help="only the workloads that take about a minute")
     parser.add_argument("--output", type=Path, default=Path("out/benchmarks"), help="where clips, results and tables go")
     args = parser.parse_args()
-    workloads = [w for w in (*rendered(), *recorded()) if (w.name in args.names or not args.names) and (w.quick or not args.quick)]
+    workloads = [
+        w for w in (*rendered(), *recorded()) if (w.name in args.names or not args.names) and (w.quick or not args.quick) and args.group in (None, w.group)
+    ]
     unknown = set(args.names) - {w.name for w in workloads}
     if unknown or not workloads:
         parser.error(f"There is no workload {', '.join(sorted(unknown)) or 'left'}; there are {', '.join(w.name for w in (*rendered(), *recorded()))}.")

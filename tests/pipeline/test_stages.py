@@ -8,6 +8,7 @@ import pytest
 from planewright.errors import GeometryError, SketchError
 from planewright.features.follow import follow_features
 from planewright.geometry.camera import Intrinsics
+from planewright.geometry.lens import Lens
 from planewright.pipeline.stages import StageOptions, check_structure, checked_sketch, face_regions, find_cameras, unused_marks, without_distortion
 from planewright.planes.planar_scene import PlanarScene
 from planewright.refine.rounds import Structure
@@ -101,11 +102,11 @@ def test_a_result_without_a_face_is_refused_with_the_reason(turntable_sketch: Sk
 
 def test_marks_move_to_where_the_undistorted_frame_shows_them(turntable_sketch: Sketch) -> None:
     lens = Intrinsics(300.0, np.array([160.0, 90.0]), (320, 180), (-0.1, 0.02))
-    moved = without_distortion(turntable_sketch, lens)
+    moved = without_distortion(turntable_sketch, Lens(lens))
     rays = np.random.default_rng(0).uniform([-0.4, -0.25], [0.4, 0.25], (50, 2))
     for before, after in zip(turntable_sketch.points, moved.points, strict=True):
         assert before.marks.keys() == after.marks.keys()
         for frame in before.marks:
             np.testing.assert_allclose(lens.to_pixels(lens.pinhole().normalize(np.array([after.marks[frame]]))), [before.marks[frame]], atol=1e-6)
     np.testing.assert_allclose(lens.normalize(lens.to_pixels(rays)), rays, atol=1e-9)
-    assert without_distortion(turntable_sketch, lens.pinhole()) is turntable_sketch
+    assert without_distortion(turntable_sketch, Lens(lens.pinhole())) is turntable_sketch

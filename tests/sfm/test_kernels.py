@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 
 from planewright.geometry.rigid import rotations_from_vectors
 from planewright.sfm.bundle import observations
-from planewright.sfm.kernels import observation_jacobian, observation_pulls, reduced_system, robust_cost, rotation_of, solve_spd, triangulate_points
+from planewright.sfm.kernels import SHARED, observation_jacobian, observation_pulls, reduced_system, robust_cost, rotation_of, solve_spd, triangulate_points
 
 VALUES = np.array([700.0, 480.0, 270.0, -0.07, 0.02])
 
@@ -32,7 +32,7 @@ def test_the_exponential_is_that_of_the_geometry_package():
 
 def test_the_jacobian_is_the_limit_of_differences():
     rotation, translation, xyz, _ = small_problem()
-    jc, jp = np.empty((2, 9)), np.empty((2, 3))
+    jc, jp = np.zeros((2, 10)), np.empty((2, 3))
     r, t, x = rotation[1], translation[1], xyz[3]
     u, v, z = observation_jacobian(VALUES, r, t, x, jc, jp)
     assert z > 0
@@ -42,26 +42,29 @@ def test_the_jacobian_is_the_limit_of_differences():
         values[0] *= np.exp(delta[0])
         values[3:] += delta[1:3]
         step = rotation_of(*delta[3:6])
-        scratch_c, scratch_p = np.empty((2, 9)), np.empty((2, 3))
+        scratch_c, scratch_p = np.zeros((2, 10)), np.empty((2, 3))
         return np.array(observation_jacobian(values, step @ r, step @ t + delta[6:9], x + delta[9:], scratch_c, scratch_p)[:2])
 
     assert_allclose(pixel(np.zeros(12)), [u, v])
     h = 1e-6
     differences = np.stack([(pixel(h * e) - pixel(-h * e)) / (2 * h) for e in np.eye(12)], axis=1)
-    assert_allclose(np.concatenate([jc, jp], axis=1), differences, rtol=1e-6, atol=1e-5)
+    moving = np.delete(jc, 3, axis=1)  # the readout moves the observation, not the projection
+    assert_allclose(np.concatenate([moving, jp], axis=1), differences, rtol=1e-6, atol=1e-5)
 
 
 def test_eliminating_the_points_is_the_schur_complement():
     rotation, translation, xyz, seen = small_problem()
     scale, cameras, points, obs = 1.3, len(rotation), len(xyz), len(seen.camera)
-    n = 3 + 6 * cameras
+    n = SHARED + 6 * cameras
+    drift = np.random.default_rng(7).normal(0, 1, (obs, 2))
     full, g = np.zeros((n + 3 * points, n + 3 * points)), np.zeros(n + 3 * points)
-    jc, jp = np.empty((2, 9)), np.empty((2, 3))
+    jc, jp = np.zeros((2, 10)), np.empty((2, 3))
     per_observation = []
     for i, (c, p) in enumerate(zip(seen.camera, seen.point, strict=True)):
         u, v, _ = observation_jacobian(VALUES, rotation[c], translation[c], xyz[p], jc, jp)
         row = np.zeros((2, n + 3 * points))
-        row[:, :3], row[:, 3 + 6 * c : 9 + 6 * c], row[:, n + 3 * p : n + 3 * p + 3] = jc[:, :3], jc[:, 3:], jp
+        jc[:, 3] = -drift[i]
+        row[:, :SHARED], row[:, SHARED + 6 * c : SHARED + 6 * c + 6], row[:, n + 3 * p : n + 3 * p + 3] = jc[:, :SHARED], jc[:, SHARED:], jp
         r = np.array([u, v]) - seen.xy[i]
         w = 1 / (1 + r @ r / scale**2)
         full += w * row.T @ row
@@ -69,12 +72,15 @@ def test_eliminating_the_points_is_the_schur_complement():
         per_observation.append(w * row.T @ r)
     cross_block, inverse_block = full[:n, n:], np.linalg.inv(full[n:, n:])
     system, gradient = np.empty((n, n)), np.empty(n)
-    cross, inverse = np.empty((obs, 9, 3)), np.empty((points, 3, 3))
-    reduced_system(VALUES, rotation, translation, xyz, seen.first, seen.camera, seen.xy, scale, 0.0, system, gradient, cross, inverse, np.empty((points, 3)))
+    cross, inverse = np.empty((obs, SHARED + 6, 3)), np.empty((points, 3, 3))
+    pose = (VALUES, rotation, translation, xyz, seen.first, seen.camera)
+    reduced_system(*pose, seen.xy, drift, scale, 0.0, system, gradient, cross, inverse, np.empty((points, 3)))
     assert_allclose(system, full[:n, :n] - cross_block @ inverse_block @ cross_block.T, rtol=1e-7, atol=1e-6 * np.abs(full).max())
     assert_allclose(gradient, g[:n] - cross_block @ inverse_block @ g[n:], rtol=1e-7, atol=1e-7 * np.abs(g).max())
 
+    # Pulls are for an adjustment whose readout is fixed.
     direction = np.random.default_rng(1).normal(0, 1, n)
+    direction[3] = 0.0
     pulls = np.empty(obs)
     observation_pulls(VALUES, rotation, translation, xyz, seen.first, seen.camera, seen.xy, scale, direction, cross, inverse, pulls)
     expected = [direction @ (s[:n] - cross_block @ inverse_block @ s[n:]) for s in per_observation]

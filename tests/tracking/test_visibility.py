@@ -118,3 +118,17 @@ def test_a_face_that_lacks_a_corner_still_owns_pixels(shed) -> None:
     share = (owners_in_views(views, polygons) == face).sum() / (owners_in_views(views, scene_polygons(scene)) == face).sum()
     assert 0.2 < share < 0.8
     assert_allclose(polygons.normals, scene.normals)
+
+
+def test_a_face_does_not_hide_a_corner_that_was_seen_through_it(wall_and_spot) -> None:
+    """It is the wall, or the corner, that is a little beside its place; a wall that is well before the corner hides it all the same."""
+    sketch, points, normals, offsets = wall_and_spot
+    points = points.copy()
+    points[8] = [1.0, 1.0, 1.05]
+    centers = np.array([[1.0, 1.0, -2.0], [1.2, 1.0, -2.0], [1.0, 1.0, -2.1]])
+    assert not corner_visibility(sketch, points, normals, offsets, centers, 0.02)[:, 8].any()
+    seen = np.zeros((3, 9), bool)
+    seen[1, 8] = True
+    assert corner_visibility(sketch, points, normals, offsets, centers, 0.02, seen)[:, 8].all()
+    seen[:, 8], seen[0, 0] = False, True
+    assert not corner_visibility(sketch, points, normals, offsets, centers, 0.02, seen)[:, 8].any()

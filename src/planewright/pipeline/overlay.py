@@ -50,7 +50,8 @@ def edge_strokes(scene: PlanarScene, polygons: PlanarPolygons, cameras: Cameras,
     in_cam = pose.apply(in_world.reshape(-1, 3))
     front = in_cam[:, 2] > 1e-6
     in_cam[~front] = [0.0, 0.0, 1.0]
-    column, line = np.floor(lens.pinhole().project(in_cam)).astype(np.int64).T
+    straight = lens.pinhole().project(in_cam)
+    column, line = np.floor(straight).astype(np.int64).T
     inside = front & (column >= 0) & (column < width) & (line >= 0) & (line < height)
     nearest = np.zeros(len(in_cam))
     for dx in (-1, 0, 1):
@@ -58,7 +59,7 @@ def edge_strokes(scene: PlanarScene, polygons: PlanarPolygons, cameras: Cameras,
             seen = buffer.depth[np.clip(line + dy, 0, height - 1), np.clip(column + dx, 0, width - 1)]
             nearest = np.maximum(nearest, seen)
     visible = nearest >= in_cam[:, 2] * (1 - OCCLUSION_TOLERANCE)
-    drawn = lens.project(in_cam).reshape(-1, SAMPLES, 2)
+    drawn = cameras.lens.to_displayed(int(cameras.frame[row]), straight, in_cam[:, 2]).reshape(-1, SAMPLES, 2)
     shape = (len(edges), SAMPLES)
     return [stroke for e in range(len(edges)) for stroke in _cut(drawn[e], inside.reshape(shape)[e], visible.reshape(shape)[e])]
 

@@ -51,7 +51,8 @@ def reprojection_errors(result: Result) -> tuple[Float[np.ndarray, "rows"], Floa
         here = np.flatnonzero(measured & (tracks.frame == frame))
         in_cam = cameras.cam_from_world(row).apply(scene.points[tracks.point_index[here]])
         front = in_cam[:, 2] > 0
-        error = cameras.intrinsics.project(in_cam[front]) - tracks.xy[here[front]]
+        straight = cameras.intrinsics.pinhole().project(in_cam[front])
+        error = cameras.lens.to_displayed(int(frame), straight, in_cam[front, 2]) - tracks.xy[here[front]]
         frames.append(np.full(len(error), float(frame)))
         errors.append(np.linalg.norm(error, axis=1))
     return np.concatenate(frames), np.concatenate(errors)
@@ -129,6 +130,7 @@ def _camera(cameras: Cameras) -> dict[str, Any]:
         "distortion": list(lens.distortion),
         "focal_sigma": cameras.focal_sigma if np.isfinite(cameras.focal_sigma) else None,
         "focal_interval": list(cameras.focal_interval),
+        **({} if cameras.shutter is None else {"readout": cameras.shutter.readout}),
     }
 
 

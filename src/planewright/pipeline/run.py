@@ -121,8 +121,8 @@ class _Run:
         features = self.finish("features", Features, lambda: follow_features(clip, stages.features, progress=progress))
         filmed = self.finish("cameras", Filmed, lambda: find_cameras(clip, features, sketch, stages, self.random("cameras"), progress=progress))
         cameras, points = filmed.solved.cameras, filmed.solved.points
-        frames = UndistortedFrames(clip, cameras.intrinsics)
-        straight = without_distortion(sketch, cameras.intrinsics)
+        frames = UndistortedFrames(clip, cameras.lens)
+        straight = without_distortion(sketch, cameras.lens)
         rng = self.random("structure")
         structure = self.finish(
             "structure", Structure, lambda: refine_structure(frames, straight, cameras, points, stages.structure, rng=rng, progress=progress)
@@ -197,11 +197,12 @@ class _Run:
 
     def facts(self, result: Result) -> list[tuple[str, str]]:
         peak = peak_memory_bytes()
-        info, lens = self.clip.info, result.cameras.intrinsics
+        info, lens, shutter = self.clip.info, result.cameras.intrinsics, result.cameras.shutter
         return [
             ("clip", f"{info.image_size[0]} x {info.image_size[1]} pixels, {info.num_frames} frames, {info.fps:.2f} a second"),
             ("sha256", info.sha256),
             ("lens", ", ".join([f"f = {lens.focal:.2f} px", *(f"k{i + 1} = {k:+.4f}" for i, k in enumerate(lens.distortion))])),
+            ("shutter", "all rows at once" if shutter is None else f"rows follow each other over {shutter.readout:+.2f} frames"),
             ("unit", result.model.unit or "scene units"),
             ("frames used", str(self.options.frames)),
             ("seed", str(self.options.seed)),

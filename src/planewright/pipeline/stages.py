@@ -9,9 +9,11 @@ from planewright.arrays import Float
 from planewright.errors import GeometryError, SketchError
 from planewright.features.features import Features
 from planewright.features.follow import FollowOptions, follow_features
-from planewright.geometry.camera import Intrinsics
+from planewright.geometry.lens import Lens
 from planewright.progress import Progress, silent
 from planewright.refine.rounds import RefineOptions, Structure
+from planewright.registration.follow import RegistrationOptions, follow_faces
+from planewright.registration.grid import face_features
 from planewright.sfm.solve import Refused, SfmOptions, Solved, solve_cameras
 from planewright.sketch.checks import check_sketch
 from planewright.sketch.faces import find_faces
@@ -28,6 +30,8 @@ class StageOptions:
 
     features: FollowOptions = field(default_factory=FollowOptions)
     """How scene features are followed."""
+    faces: RegistrationOptions = field(default_factory=RegistrationOptions)
+    """How whole faces are followed where features do not tell where the camera was."""
     cameras: SfmOptions = field(default_factory=SfmOptions)
     """How cameras are solved from them."""
     structure: RefineOptions = field(default_factory=RefineOptions)
@@ -80,12 +84,13 @@ def unused_marks(sketch: Sketch, numbers: Sequence[int]) -> tuple[str, ...]:
 
 
 def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: StageOptions, rng: np.random.Generator, *, progress: Progress = silent) -> Filmed:
-    """Cameras from the features of the whole image; where those move against each other, from the features on the drawn faces.
+    """Cameras from the features of the whole image; where those do not tell, from the features on the drawn faces; at last from the faces as wholes.
 
     A turntable, or an object carried before a still background, shows two motions: the larger part of the image may be the part that does not matter.
+    Faces with hardly a feature of their own are registered whole, each pixel counting a little.
 
     Raises:
-        GeometryError: neither tells where the camera was.
+        GeometryError: none of them tells where the camera was.
     """
     first = solve_cameras(features, np.array(frames.numbers), frames.image_size, known=sketch.camera, options=options.cameras, rng=rng, progress=progress)
     if isinstance(first, Solved):
@@ -93,12 +98,17 @@ def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: St
     regions = face_regions(sketch)
     if not regions:
         raise GeometryError(first.reason)
+    numbers, known = np.array(frames.numbers), sketch.camera
     inside = follow_features(frames, options.features, regions=regions, progress=progress)
-    second = solve_cameras(inside, np.array(frames.numbers), frames.image_size, known=sketch.camera, options=options.cameras, rng=rng, progress=progress)
-    if isinstance(second, Refused):
+    second = solve_cameras(inside, numbers, frames.image_size, known=known, options=options.cameras, rng=rng, progress=progress)
+    if isinstance(second, Solved):
+        return Filmed(second, (f"The cameras come from features on the drawn faces alone: {first.reason}",))
+    whole = face_features(follow_faces(frames, sketch, options.faces, progress=progress))
+    third = solve_cameras(whole, numbers, frames.image_size, known=known, options=options.cameras, rng=rng, progress=progress)
+    if isinstance(third, Refused):
         also = "" if second.code == first.code else f" The drawn faces by themselves do not tell either: {second.reason}"
         raise GeometryError(first.reason + also)
-    return Filmed(second, (f"The cameras come from features on the drawn faces alone: {first.reason}",))
+    return Filmed(third, (f"The cameras come from the drawn faces, followed as wholes, for their features are too few: {second.reason}",))
 
 
 def face_regions(sketch: Sketch) -> Mapping[int, Sequence[Float[np.ndarray, "_corners 2"]]]:
@@ -121,14 +131,13 @@ def check_structure(structure: Structure) -> None:
     raise GeometryError(f"The cameras were found, but no drawn face could be placed in space. {because}".strip() + " Mark the corners in one more frame.")
 
 
-def without_distortion(sketch: Sketch, lens: Intrinsics) -> Sketch:
-    """The sketch with its marks where the undistorted frames show them."""
-    if not lens.distortion:
+def without_distortion(sketch: Sketch, lens: Lens) -> Sketch:
+    """The sketch with its marks where the straight frames show them."""
+    if lens.straight:
         return sketch
 
     def moved(point: SketchPoint) -> SketchPoint:
-        seen = np.array(list(point.marks.values()), dtype=np.float64).reshape(-1, 2)
-        straight = lens.pinhole().to_pixels(lens.normalize(seen))
-        return replace(point, marks={frame: (float(x), float(y)) for frame, (x, y) in zip(point.marks, straight, strict=True)})
+        straight = {frame: lens.to_straight(frame, np.array([xy], dtype=np.float64))[0] for frame, xy in point.marks.items()}
+        return replace(point, marks={frame: (float(x), float(y)) for frame, (x, y) in straight.items()})
 
     return replace(sketch, points=tuple(moved(point) for point in sketch.points))

@@ -38,7 +38,12 @@ def place(structure: Structure, cameras: Cameras) -> Placed:
     factor = 1.0 if scale is None else scale
     return Placed(
         structure=_moved_structure(structure, turn, factor),
-        cameras=replace(cameras, rotation=cameras.rotation @ turn.T, translation=factor * cameras.translation),
+        cameras=replace(
+            cameras,
+            rotation=cameras.rotation @ turn.T,
+            translation=factor * cameras.translation,
+            shutter=None if cameras.shutter is None else cameras.shutter.scaled(factor),
+        ),
         unit=None if scale is None else "m",
         world_up=None if up is None else np.array([0.0, 0.0, 1.0]),
         notes=(*scale_notes, *up_notes),

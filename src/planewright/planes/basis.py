@@ -1,13 +1,12 @@
 """What a solved structure rests on: enough to solve it again when one thing is added, without measuring anything anew."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planewright.arrays import Float, Int, Mat3
-from planewright.planes.evidence import CornerLines, CornerMarks, CornerPriors, Evidence, PlanePoints
+from planewright.planes.evidence import CornerLines, CornerPriors, Evidence, PlanePoints
 from planewright.planes.structure_constraints import StructureConstraints
-from planewright.planes.structure_problem import EvidenceScale
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +18,8 @@ class Basis:
     """Face row and corner row."""
     constraints: StructureConstraints
     """Of the relations that are enforced."""
-    scale: EvidenceScale
+    scale: tuple[float, float, float, float]
+    """The factors of `EvidenceScale`: a plain tuple, so that it is read back from a file as what it was."""
 
     def moved(self, turn: Mat3, scale: float) -> "Basis":
         """The same in the world x' = scale * turn @ x."""
@@ -28,13 +28,12 @@ class Basis:
         projection = np.concatenate([marks.projection[:, :, :3] @ turn.T, scale * marks.projection[:, :, 3:]], axis=2)
         evidence = Evidence(
             PlanePoints(points.face, _turned(points.point, turn, scale), scale * points.sigma),
-            CornerMarks(marks.corner, projection, marks.xy, marks.sigma),
+            replace(marks, projection=projection),
             CornerLines(lines.corner, _turned(lines.direction, turn, 1.0), scale * lines.offset, scale * lines.sigma),
             CornerPriors(priors.corner, _turned(priors.mean, turn, scale), priors.whitening @ turn.T / scale),
         )
         given = self.constraints
-        constraints = StructureConstraints(**{**given.__dict__, "across_vector": _turned(given.across_vector, turn, 1.0)})
-        return Basis(evidence, self.incidences, constraints, self.scale)
+        return Basis(evidence, self.incidences, replace(given, across_vector=_turned(given.across_vector, turn, 1.0)), self.scale)
 
 
 def _turned(vectors: Float[np.ndarray, "rows 3"], turn: Mat3, scale: float) -> Float[np.ndarray, "rows 3"]:

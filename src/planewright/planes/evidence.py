@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planewright.arrays import Float, Int
+from planewright.arrays import Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,8 @@ class CornerMarks:
     """K [R | t]."""
     xy: Float[np.ndarray, "terms 2"]
     sigma: Float[np.ndarray, "terms"]
+    firm: Bool[np.ndarray, "terms"] | None = None
+    """Marks that no robust loss lets go, because a person put them there to correct the model; None where there are none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from planewright.arrays import Float, Int
+from planewright.arrays import Bool, Float, Int
 from planewright.geometry.plane import tangent_basis
 from planewright.optim.losses import cauchy
 from planewright.planes.evidence import CornerLines, CornerMarks, CornerPriors, Evidence, PlanePoints
@@ -52,6 +52,16 @@ class Terms(NamedTuple):
     owner: Int[np.ndarray, "terms"]
     residual: Float[np.ndarray, "terms numbers"]
     jacobian: Float[np.ndarray, "terms numbers 3"]
+    firm: Bool[np.ndarray, "terms"] | None = None
+    """Terms with a plain square loss."""
+
+    def losses(self, scale: float) -> tuple[Float[np.ndarray, "terms"], Float[np.ndarray, "terms"]]:
+        """Loss and weight of every term: Cauchy's, which bends at `scale` standard deviations, or the square."""
+        square = (self.residual**2).sum(axis=1)
+        loss, weight = cauchy(square, scale)
+        if self.firm is None:
+            return loss, weight
+        return np.where(self.firm, square, loss), np.where(self.firm, 1.0, weight)
 
 
 @runtime_checkable
@@ -124,7 +134,7 @@ class StructureProblem:
         """Half the sum of Cauchy losses, and the weak prior."""
         total = 0.0
         for term in self.terms(state):
-            loss, _ = cauchy((term.residual**2).sum(axis=1), self.loss_scale)
+            loss, _ = term.losses(self.loss_scale)
             total += float(loss.sum())
         away = self._away(state)
         return 0.5 * (total + self.ridge * float(away @ away))
@@ -142,7 +152,7 @@ class StructureProblem:
         for columns, terms in [(self.plane_columns(), plane_terms), *((self.point_columns(corners), terms) for terms in corner_terms)]:
             if len(terms.owner) == 0:
                 continue
-            _, weight = cauchy((terms.residual**2).sum(axis=1), self.loss_scale)
+            _, weight = terms.losses(self.loss_scale)
             slope = np.einsum("t,tr,tri->ti", weight, terms.residual, terms.jacobian)
             blocks = np.einsum("t,tri,trj->tij", weight, terms.jacobian, terms.jacobian)
             count = len(columns)
@@ -286,7 +296,7 @@ def _mark_terms(given: CornerMarks, points: Float[np.ndarray, "points 3"], facto
     seen = projected[:, :2] / safe
     residual = np.where(before, (seen - given.xy) / sigma, np.array([_BEHIND, 0.0]))
     jacobian = (given.projection[:, :2, :3] - seen[:, :, None] * given.projection[:, 2:, :3]) / (safe * sigma)[:, :, None]
-    return Terms(given.corner, residual, np.where(before[:, :, None], jacobian, 0.0))
+    return Terms(given.corner, residual, np.where(before[:, :, None], jacobian, 0.0), given.firm)
 
 
 def _line_terms(given: CornerLines, points: Float[np.ndarray, "points 3"], factor: float) -> Terms:

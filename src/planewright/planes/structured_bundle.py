@@ -8,7 +8,8 @@ from planewright.arrays import Bool, Float, Int
 from planewright.geometry.plane import tangent_basis
 from planewright.optim.constrained import ConstrainedOptions, constrained_covariance, minimize_constrained
 from planewright.optim.losses import robust_scale
-from planewright.planes.evidence import CornerLines, CornerMarks, CornerPriors, Evidence, PlanePoints
+from planewright.planes.evidence import CornerLines, CornerPriors, Evidence, PlanePoints
+from planewright.planes.held import Held, part_of
 from planewright.planes.planar_start import PlanarStart, complete_start
 from planewright.planes.structure_constraints import StructureConstraints, group_faces
 from planewright.planes.structure_problem import EvidenceScale, StructureProblem, StructureState, Terms
@@ -101,6 +102,7 @@ def solve_structure(
     options: StructureOptions = StructureOptions(),
     *,
     scale: EvidenceScale = EvidenceScale(),
+    held: Held | None = None,
 ) -> StructureSolution:
     """Corners and planes of least robust cost, with every incidence and relation exact.
 
@@ -112,6 +114,7 @@ def solve_structure(
         incidences: face row and corner row of every corner that lies on a face, drawn or found.
         constraints: relations of faces and corners.
         scale: factors on the sigmas of the evidence.
+        held: corners and faces that stay where `start` has them, up to rounding. The covariance is that of everything free.
     """
     incidences = np.unique(incidences, axis=0).reshape(-1, 2)
     full = complete_start(start, incidences, evidence)
@@ -119,7 +122,7 @@ def solve_structure(
     direction_root, plane_root = group_faces(full.points, full.normals, incidences, constraints)
     problem, state, face_plane, sign = _scaled_problem(full, incidences, evidence, constraints, options, scale, middle, diagonal, direction_root, plane_root)
     solver = ConstrainedOptions(step_tolerance=options.step_tolerance, max_iterations=options.max_iterations)
-    found = minimize_constrained(problem, state, solver)
+    found = minimize_constrained(problem if held is None else part_of(problem, held, face_plane), state, solver)
     state = found.state
     points = middle + diagonal * state.points
     normals = sign[:, None] * state.directions[problem.plane_direction[face_plane]]
@@ -241,7 +244,7 @@ def _scaled_evidence(evidence: Evidence, face_plane: Int[np.ndarray, "faces"], m
     projection = np.concatenate([projection[:, :, :3], shifted[:, :, None]], axis=2)
     return Evidence(
         PlanePoints(face_plane[points.face], (points.point - middle) / diagonal, points.sigma / diagonal),
-        CornerMarks(marks.corner, projection, marks.xy, marks.sigma),
+        replace(marks, projection=projection),
         CornerLines(lines.corner, lines.direction, (lines.offset - lines.direction @ middle) / diagonal, lines.sigma / diagonal),
         CornerPriors(priors.corner, (priors.mean - middle) / diagonal, priors.whitening * diagonal),
     )

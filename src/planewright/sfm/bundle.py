@@ -7,7 +7,7 @@ import scipy.linalg
 
 from planewright.arrays import Bool, Float, Int
 from planewright.geometry.rigid import rotations_from_vectors
-from planewright.sfm.kernels import reduced_system, robust_cost
+from planewright.sfm.kernels import SHARED, reduced_system, robust_cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,8 @@ class Bundle:
     rotation: Float[np.ndarray, "cameras 3 3"]
     translation: Float[np.ndarray, "cameras 3"]
     xyz: Float[np.ndarray, "points 3"]
+    readout: float = 0.0
+    """Change of the readout from the one with which the observations were straightened, frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,22 +73,28 @@ def adjust(
     free_focal: bool = True,
     radial_terms: int = 0,
     prior: FocalPrior | None = None,
+    drift: Float[np.ndarray, "obs 2"] | None = None,
     max_iterations: int = 15,
     tolerance: float = 1e-6,
 ) -> Adjusted:
     """Minimize the Cauchy reprojection cost (scale in pixels) over poses, points, and what is free of the intrinsics.
 
-    The gauge stays free: damping keeps the system definite and the step small along it. Stops when the cost falls by less than `tolerance` of itself.
+    With `drift`, pixels by which each straightened observation moves when the readout grows by one frame, the readout is free as well. The gauge stays
+    free: damping keeps the system definite and the step small along it. Stops when the cost falls by less than `tolerance` of itself.
     """
-    active = _active(len(bundle.rotation), free_focal, radial_terms)
-    point, n = seen.point, 3 + 6 * len(bundle.rotation)
+    active = _active(len(bundle.rotation), free_focal, radial_terms, drift is not None)
+    point, n = seen.point, SHARED + 6 * len(bundle.rotation)
+    rolled = np.zeros((0, 2)) if drift is None else drift
     system, gradient = np.empty((n, n)), np.empty(n)
-    cross, inverse = np.empty((len(point), 9, 3)), np.empty((len(bundle.xyz), 3, 3))
+    cross, inverse = np.empty((len(point), SHARED + 6, 3)), np.empty((len(bundle.xyz), 3, 3))
     point_gradient = np.empty((len(bundle.xyz), 3))
     residual = np.empty((len(point), 2))
 
+    def straight(b: Bundle) -> Float[np.ndarray, "obs 2"]:
+        return seen.xy if drift is None else seen.xy + b.readout * drift
+
     def cost_of(b: Bundle) -> float:
-        cost = float(robust_cost(b.intrinsics, b.rotation, b.translation, b.xyz, seen.camera, point, seen.xy, scale, residual))
+        cost = float(robust_cost(b.intrinsics, b.rotation, b.translation, b.xyz, seen.camera, point, straight(b), scale, residual))
         return cost + (0.5 * prior.precision * (np.log(b.intrinsics[0]) - prior.log_focal) ** 2 if prior else 0.0)
 
     cost, damping, done = cost_of(bundle), 1e-4, 0
@@ -96,7 +104,7 @@ def adjust(
         while damping < 1e4:
             b = bundle
             reduced_system(
-                b.intrinsics, b.rotation, b.translation, b.xyz, seen.first, seen.camera, seen.xy,
+                b.intrinsics, b.rotation, b.translation, b.xyz, seen.first, seen.camera, straight(b), rolled,
                 scale, damping, system, gradient, cross, inverse, point_gradient,
             )  # fmt: skip
             if prior:
@@ -116,9 +124,9 @@ def adjust(
     return Adjusted(bundle=bundle, cost=cost, residual=residual, iterations=done)
 
 
-def _active(num_cameras: int, free_focal: bool, radial_terms: int) -> Bool[np.ndarray, "unknowns"]:
-    active = np.ones(3 + 6 * num_cameras, bool)
-    active[:3] = [free_focal, radial_terms >= 1, radial_terms >= 2]
+def _active(num_cameras: int, free_focal: bool, radial_terms: int, free_readout: bool) -> Bool[np.ndarray, "unknowns"]:
+    active = np.ones(SHARED + 6 * num_cameras, bool)
+    active[:SHARED] = [free_focal, radial_terms >= 1, radial_terms >= 2, free_readout]
     return active
 
 
@@ -128,7 +136,7 @@ def _step(
     active: Bool[np.ndarray, "unknowns"],
     system: Float[np.ndarray, "unknowns unknowns"],
     gradient: Float[np.ndarray, "unknowns"],
-    cross: Float[np.ndarray, "obs 9 3"],
+    cross: Float[np.ndarray, "obs unknowns_each 3"],
     inverse: Float[np.ndarray, "points 3 3"],
     point_gradient: Float[np.ndarray, "points 3"],
     damping: float,
@@ -145,8 +153,8 @@ def _step(
         return None
     delta = np.zeros(len(active))
     delta[use] = solution
-    per_camera = delta[3:].reshape(-1, 6)
-    of_observation = np.concatenate([np.broadcast_to(delta[:3], (len(seen.camera), 3)), per_camera[seen.camera]], axis=1)
+    per_camera = delta[SHARED:].reshape(-1, 6)
+    of_observation = np.concatenate([np.broadcast_to(delta[:SHARED], (len(seen.camera), SHARED)), per_camera[seen.camera]], axis=1)
     pulled = np.einsum("oij,oi->oj", cross, of_observation)
     summed = np.stack([np.bincount(seen.point, pulled[:, k], minlength=len(b.xyz)) for k in range(3)], axis=1)
     rotation = rotations_from_vectors(per_camera[:, :3])
@@ -165,6 +173,7 @@ def _step(
         rotation=rotation @ b.rotation,
         translation=np.einsum("kij,kj->ki", rotation, b.translation) + per_camera[:, 3:] + along,
         xyz=b.xyz - np.einsum("pij,pj->pi", inverse, point_gradient + summed),
+        readout=b.readout + float(delta[3]),
     )
 
 

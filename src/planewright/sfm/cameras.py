@@ -6,6 +6,7 @@ import numpy as np
 
 from planewright.arrays import Bool, Float, Int
 from planewright.geometry.camera import Intrinsics
+from planewright.geometry.lens import Lens, RollingShutter
 from planewright.geometry.rigid import Rigid
 
 
@@ -24,6 +25,13 @@ class Cameras:
     """Standard deviation of the focal length, in pixels."""
     focal_interval: tuple[float, float | None]
     """95 % interval, pixels; the upper end is None where the views set none."""
+    shutter: RollingShutter | None = None
+    """What the rows' different times do to the frames; None where they are exposed at once. Poses are those of the middle row."""
+
+    @property
+    def lens(self) -> Lens:
+        """Between the frames as displayed and those that obey `intrinsics.pinhole()` and the poses."""
+        return Lens(self.intrinsics, self.shutter)
 
     def row(self, frame: int) -> int | None:
         """The row of a frame number, or None where the frame has no pose."""

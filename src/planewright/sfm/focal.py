@@ -9,7 +9,7 @@ import scipy.special
 from planewright.arrays import Float, Int
 from planewright.geometry.rigid import rotations_from_vectors
 from planewright.sfm.bundle import Adjusted, Bundle, FocalPrior, Observations, adjust
-from planewright.sfm.kernels import observation_pulls, reduced_system, robust_cost
+from planewright.sfm.kernels import SHARED, observation_pulls, reduced_system, robust_cost
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,12 +136,12 @@ def _spread(
     model leaves), a stretch of the clip (a rolling shutter under one motion). Measured inflation: rendered clips 3 by tracks and 1 by stretches, phone
     clips 3 by tracks and up to 11 by stretches.
     """
-    n = 3 + 6 * len(b.rotation)
+    n = SHARED + 6 * len(b.rotation)
     num_points, num_obs = len(b.xyz), len(seen.camera)
     system, gradient = np.empty((n, n)), np.empty(n)
-    cross, inverse = np.empty((num_obs, 9, 3)), np.empty((num_points, 3, 3))
+    cross, inverse = np.empty((num_obs, SHARED + 6, 3)), np.empty((num_points, 3, 3))
     reduced_system(
-        b.intrinsics, b.rotation, b.translation, b.xyz, seen.first, seen.camera, seen.xy, scale, 0.0, system, gradient, cross, inverse,
+        b.intrinsics, b.rotation, b.translation, b.xyz, seen.first, seen.camera, seen.xy, np.zeros((0, 2)), scale, 0.0, system, gradient, cross, inverse,
         np.empty((num_points, 3)),
     )  # fmt: skip
     if prior:
@@ -185,11 +185,11 @@ def _gauge_fixed(b: Bundle, radial_terms: int) -> Int[np.ndarray, "unknowns"]:
     centres = -np.einsum("kji,kj->ki", b.rotation, b.translation)
     far = int(np.argmax(np.linalg.norm(centres - centres[0], axis=1)))
     baseline = b.translation[far] - b.rotation[far] @ b.rotation[0].T @ b.translation[0]
-    active = np.ones(3 + 6 * len(b.rotation), bool)
-    active[1:3] = [radial_terms >= 1, radial_terms >= 2]
-    active[3:9] = False
+    active = np.ones(SHARED + 6 * len(b.rotation), bool)
+    active[1:SHARED] = [radial_terms >= 1, radial_terms >= 2, False]
+    active[SHARED : SHARED + 6] = False
     if far:
-        active[3 + 6 * far + 3 + int(np.argmax(np.abs(baseline)))] = False
+        active[SHARED + 6 * far + 3 + int(np.argmax(np.abs(baseline)))] = False
     return np.nonzero(active)[0]
 
 

@@ -8,6 +8,9 @@ from numba import njit
 
 # `no_type_check` keeps the shape checker of the tests from wrapping a kernel before Numba sees it.
 
+SHARED = 4
+"""Unknowns that all observations share: log focal, k1, k2, readout. Those of the cameras, six each, follow."""
+
 
 @njit(cache=True)
 @no_type_check
@@ -64,7 +67,10 @@ def robust_cost(intrinsics, rotation, translation, xyz, camera, point, xy, scale
 @njit(cache=True)
 @no_type_check
 def observation_jacobian(intrinsics, rotation, translation, xyz, jc, jp):
-    """Derivatives of one projection: jc (2, 9) for log focal, k1, k2, omega, v; jp (2, 3) for the point. Returns u, v pixels and depth."""
+    """Derivatives of one projection: jc (2, 10) for log focal, k1, k2, readout, omega, v; jp (2, 3) for the point. Returns u, v pixels and depth.
+
+    The readout does not move a projection but the observation that it is compared with; its column is left as it is.
+    """
     f, cx, cy, k1, k2 = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], intrinsics[4]
     X, Y, Z = xyz[0], xyz[1], xyz[2]
     x0 = rotation[0, 0] * X + rotation[0, 1] * Y + rotation[0, 2] * Z
@@ -87,10 +93,10 @@ def observation_jacobian(intrinsics, rotation, translation, xyz, jc, jp):
     jc[0, 2], jc[1, 2] = f * r2 * r2 * u, f * r2 * r2 * v
     for k in range(2):
         # d(x_cam) = omega x x_cam + v, and x_cam holds the translation too.
-        jc[k, 3] = q[k, 2] * y - q[k, 1] * z
-        jc[k, 4] = q[k, 0] * z - q[k, 2] * x
-        jc[k, 5] = q[k, 1] * x - q[k, 0] * y
-        jc[k, 6], jc[k, 7], jc[k, 8] = q[k, 0], q[k, 1], q[k, 2]
+        jc[k, 4] = q[k, 2] * y - q[k, 1] * z
+        jc[k, 5] = q[k, 0] * z - q[k, 2] * x
+        jc[k, 6] = q[k, 1] * x - q[k, 0] * y
+        jc[k, 7], jc[k, 8], jc[k, 9] = q[k, 0], q[k, 1], q[k, 2]
         for m in range(3):
             jp[k, m] = q[k, 0] * rotation[0, m] + q[k, 1] * rotation[1, m] + q[k, 2] * rotation[2, m]
     return f * d * u + cx, f * d * v + cy, z
@@ -98,22 +104,24 @@ def observation_jacobian(intrinsics, rotation, translation, xyz, jc, jp):
 
 @njit(cache=True)
 @no_type_check
-def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, scale, damping, system, gradient, cross, inverse, point_gradient):
-    """Normal equations with the points eliminated (Triggs et al. 2000, section 6): system (n, n) and gradient (n,), n = 3 + 6 cameras.
+def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, drift, scale, damping, system, gradient, cross, inverse, point_gradient):
+    """Normal equations with the points eliminated (Triggs et al. 2000, section 6): system (n, n) and gradient (n,), n = SHARED + 6 cameras.
 
     Args:
         first: (points + 1,) where each point's observations begin; camera, xy: observations sorted by point, then camera.
+        drift: (obs, 2) how an observation moves with the readout, pixels; none (0, 2) where the readout is not an unknown.
         damping: Marquardt's factor on the points' diagonals (the caller damps the cameras).
-        cross: (obs, 9, 3) and inverse: (points, 3, 3), point_gradient: (points, 3): kept for the back-substitution.
+        cross: (obs, 10, 3) and inverse: (points, 3, 3), point_gradient: (points, 3): kept for the back-substitution.
     """
     n_points = first.shape[0] - 1
     s2 = scale * scale
-    jc, jp = np.empty((2, 9)), np.empty((2, 3))
+    rolls = drift.shape[0] > 0
+    jc, jp = np.zeros((2, 10)), np.empty((2, 3))
     longest = 0
     for p in range(n_points):
         longest = max(longest, first[p + 1] - first[p])
-    reduced = np.empty((longest, 9, 3))
-    v, shared = np.empty((3, 3)), np.empty((3, 3))
+    reduced = np.empty((longest, 10, 3))
+    v, shared = np.empty((3, 3)), np.empty((4, 3))
     system[:] = 0.0
     gradient[:] = 0.0
     for p in range(n_points):
@@ -125,6 +133,8 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, sc
             if z <= 1e-9:
                 cross[i] = 0.0
                 continue
+            if rolls:
+                jc[0, 3], jc[1, 3] = -drift[i, 0], -drift[i, 1]
             rx, ry = px - xy[i, 0], py - xy[i, 1]
             w = 1.0 / (1.0 + (rx * rx + ry * ry) / s2)
             for a in range(3):
@@ -134,11 +144,11 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, sc
             g1 += w * (jp[0, 1] * rx + jp[1, 1] * ry)
             g2 += w * (jp[0, 2] * rx + jp[1, 2] * ry)
             base = 6 * c
-            for a in range(9):
-                row = a if a < 3 else base + a
+            for a in range(10):
+                row = a if a < 4 else base + a
                 gradient[row] += w * (jc[0, a] * rx + jc[1, a] * ry)
-                for b in range(a, 9):
-                    column = b if b < 3 else base + b
+                for b in range(a, 10):
+                    column = b if b < 4 else base + b
                     system[row, column] += w * (jc[0, a] * jc[0, b] + jc[1, a] * jc[1, b])
                 for b in range(3):
                     cross[i, a, b] = w * (jc[0, a] * jp[0, b] + jc[1, a] * jp[1, b])
@@ -160,7 +170,7 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, sc
         start = first[p]
         count = first[p + 1] - start
         for i in range(count):
-            for a in range(9):
+            for a in range(10):
                 for b in range(3):
                     reduced[i, a, b] = (
                         cross[start + i, a, 0] * inverse[p, 0, b] + cross[start + i, a, 1] * inverse[p, 1, b] + cross[start + i, a, 2] * inverse[p, 2, b]
@@ -169,22 +179,22 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, sc
         shared[:] = 0.0
         for i in range(count):
             ci = 6 * camera[start + i]
-            for a in range(9):
-                row = a if a < 3 else ci + a
+            for a in range(10):
+                row = a if a < 4 else ci + a
                 gradient[row] -= reduced[i, a, 0] * g0 + reduced[i, a, 1] * g1 + reduced[i, a, 2] * g2
-            for a in range(3):
+            for a in range(4):
                 for b in range(3):
                     shared[a, b] += reduced[i, a, b]
         for j in range(count):
             cj = 6 * camera[start + j]
-            for a in range(3):
-                for b in range(9):
-                    column = b if b < 3 else cj + b
+            for a in range(4):
+                for b in range(10):
+                    column = b if b < 4 else cj + b
                     system[a, column] -= shared[a, 0] * cross[start + j, b, 0] + shared[a, 1] * cross[start + j, b, 1] + shared[a, 2] * cross[start + j, b, 2]
             for i in range(j + 1):
                 ci = 6 * camera[start + i]
-                for a in range(3, 9):
-                    for b in range(3, 9):
+                for a in range(4, 10):
+                    for b in range(4, 10):
                         system[ci + a, cj + b] -= (
                             reduced[i, a, 0] * cross[start + j, b, 0] + reduced[i, a, 1] * cross[start + j, b, 1] + reduced[i, a, 2] * cross[start + j, b, 2]
                         )
@@ -200,13 +210,13 @@ def observation_pulls(intrinsics, rotation, translation, xyz, first, camera, xy,
 
     `cross` and `inverse` as `reduced_system` leaves them without damping. The pulls sum to `direction . gradient`, which is zero.
     """
-    jc, jp = np.empty((2, 9)), np.empty((2, 3))
+    jc, jp = np.zeros((2, 10)), np.empty((2, 3))
     moved, q = np.empty(3), np.empty(3)
     for p in range(first.shape[0] - 1):
         moved[:] = 0.0
         for i in range(first[p], first[p + 1]):
-            for a in range(9):
-                d = direction[a] if a < 3 else direction[6 * camera[i] + a]
+            for a in range(10):
+                d = direction[a] if a < 4 else direction[6 * camera[i] + a]
                 for b in range(3):
                     moved[b] += cross[i, a, b] * d
         for a in range(3):
@@ -219,8 +229,8 @@ def observation_pulls(intrinsics, rotation, translation, xyz, first, camera, xy,
                 continue
             rx, ry = px - xy[i, 0], py - xy[i, 1]
             w = 1.0 / (1.0 + (rx * rx + ry * ry) / (scale * scale))
-            for a in range(9):
-                d = direction[a] if a < 3 else direction[6 * c + a]
+            for a in range(10):
+                d = direction[a] if a < 4 else direction[6 * c + a]
                 pulls[i] += w * d * (jc[0, a] * rx + jc[1, a] * ry)
             for b in range(3):
                 pulls[i] -= w * q[b] * (jp[0, b] * rx + jp[1, b] * ry)
@@ -260,7 +270,7 @@ def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
     """Levenberg-Marquardt on one pose (3, 3), (3,), in place, over points xyz (n, 3) seen at xy (n, 2), Cauchy cost. Returns the cost."""
     n = xyz.shape[0]
     s2 = scale * scale
-    jc, jp = np.empty((2, 9)), np.empty((2, 3))
+    jc, jp = np.zeros((2, 10)), np.empty((2, 3))
     h, g, d = np.empty((6, 6)), np.empty(6), np.empty(6)
     kept_h, kept_g = np.zeros((6, 6)), np.zeros(6)
     r, t = rotation.copy(), translation.copy()
@@ -280,9 +290,9 @@ def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
             fresh += 0.5 * s2 * np.log1p(e / s2)
             w = 1.0 / (1.0 + e / s2)
             for k in range(6):
-                g[k] += w * (jc[0, 3 + k] * rx + jc[1, 3 + k] * ry)
+                g[k] += w * (jc[0, 4 + k] * rx + jc[1, 4 + k] * ry)
                 for m in range(k + 1):
-                    h[k, m] += w * (jc[0, 3 + k] * jc[0, 3 + m] + jc[1, 3 + k] * jc[1, 3 + m])
+                    h[k, m] += w * (jc[0, 4 + k] * jc[0, 4 + m] + jc[1, 4 + k] * jc[1, 4 + m])
         if cost < 0.0 or fresh < cost:
             small = cost >= 0.0 and cost - fresh < 1e-8 * cost
             cost = fresh
@@ -321,7 +331,7 @@ def triangulate_points(intrinsics, rotation, translation, first, camera, xy, ray
         quality: (points, 3) overwritten: root mean square residual in pixels (Cauchy-weighted), largest angle between rays in radians, smallest depth.
     """
     s2 = scale * scale
-    jc, jp = np.empty((2, 9)), np.empty((2, 3))
+    jc, jp = np.zeros((2, 10)), np.empty((2, 3))
     h, g, x = np.empty((3, 3)), np.empty(3), np.empty(3)
     for p in range(first.shape[0] - 1):
         start, stop = first[p], first[p + 1]

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from planewright.arrays import Bool, Float, Int
 from planewright.features.features import Features
+from planewright.geometry.lens import RollingShutter
 from planewright.geometry.rigid import Rigid, rotations_from_vectors
 from planewright.progress import Progress, silent, steps
 from planewright.sfm.bundle import Adjusted, Bundle, FocalPrior, Observations, adjust, observations, robust_scale
@@ -19,6 +20,7 @@ from planewright.sfm.frame_table import FrameTable, frame_table, select_keyframe
 from planewright.sfm.growth import Growth, GrowthOptions, KeyframeTable, grow_pieces, keyframe_table, restrict
 from planewright.sfm.initialize import StartOptions, find_start
 from planewright.sfm.resection import Posed, ResectionOptions, resect
+from planewright.sfm.shutter import Poses, ShutterOptions, depth_surfaces, motion_within_frames, straighten
 from planewright.sfm.triangulate import intrinsics_value, triangulate
 from planewright.sketch.graph import KnownCamera
 
@@ -58,6 +60,7 @@ class SfmOptions:
     start: StartOptions = field(default_factory=StartOptions)
     focal: FocalOptions = field(default_factory=FocalOptions)
     resection: ResectionOptions = field(default_factory=ResectionOptions)
+    shutter: ShutterOptions = field(default_factory=ShutterOptions)
 
 
 @dataclass(frozen=True)
@@ -143,11 +146,17 @@ def _solve(
     growth = grow_pieces(start.growth, keyed, parallax.ranked, growth_options, prior=prior, seed=seed)
     adjusted, seen, kept, radial_terms, scale = _final_adjustment(growth, keyed, image_size, options, prior, progress)
     growth = _put_back(growth, adjusted, kept)
+    poses, xyz = _pose_all(table, keyframes, growth, keyed, scale, seed, options, progress)
+
+    found = _Rolled(table, table, growth, poses, xyz, adjusted, seen, kept, radial_terms, scale)
+    found = _without_shutter(found, keyframes, image_size, options, prior, seed, progress)
+    bundle, seen, scale, radial_terms = found.adjusted.bundle, found.seen, found.scale, found.radial_terms
 
     progress("Weighing the focal length", 0, None)
-    focal = focal_uncertainty(adjusted.bundle, seen, scale=scale, radial_terms=radial_terms, image_size=image_size, prior=prior, options=options.focal)
-    rotation, translation, posed = _pose_all(table, keyframes, growth, keyed, scale, seed, options, progress)
-    return _result(table, keyframes, growth, rotation, translation, posed, radial_terms, scale, focal, image_size, parallax.residual, warnings, options)
+    focal = focal_uncertainty(bundle, seen, scale=scale, radial_terms=radial_terms, image_size=image_size, prior=prior, options=options.focal)
+    return _result(
+        found.straight, keyframes, found.growth, found.poses, found.shutter, radial_terms, scale, focal, image_size, parallax.residual, warnings, options
+    )
 
 
 def _keyframes(table: FrameTable, unit: float, options: SfmOptions) -> Int[np.ndarray, "keyframes"]:
@@ -218,8 +227,10 @@ def _pose_all(
     seed: int,
     options: SfmOptions,
     progress: Progress,
-) -> tuple[Float[np.ndarray, "frames 3 3"], Float[np.ndarray, "frames 3"], Bool[np.ndarray, "frames"]]:
-    """Every frame against the keyframes' points, from poses interpolated between the posed frames on both sides."""
+    *,
+    start: Poses | None = None,
+) -> tuple[Poses, Float[np.ndarray, "tracks 3"]]:
+    """Every frame against the keyframes' points, from poses interpolated between the posed frames on both sides. Also the points, NaN where there is none."""
     seen, kept = restrict(keyed.seen, np.ones(len(keyed.track), bool), growth.posed)
     found = triangulate(growth.values, growth.rotation[growth.posed], growth.translation[growth.posed], seen, scale=scale, start=growth.xyz[kept])
     good = found.in_front & (found.rms < 4 * scale) & (found.angle > np.deg2rad(options.growth.min_angle_deg)) & (np.diff(seen.first) >= 2)
@@ -227,6 +238,8 @@ def _pose_all(
     xyz[keyed.track[kept[good]]] = found.xyz[good]
     rotation, translation = np.tile(np.eye(3), (table.num_frames, 1, 1)), np.zeros((table.num_frames, 3))
     posed = np.zeros(table.num_frames, bool)
+    if start is not None:
+        rotation, translation, posed = start.rotation.copy(), start.translation.copy(), start.posed.copy()
     at = keyframes[growth.posed]
     rotation[at], translation[at], posed[at] = growth.rotation[growth.posed], growth.translation[growth.posed], True
 
@@ -250,7 +263,112 @@ def _pose_all(
         more = np.full_like(xyz, np.nan)
         more[track] = found_xyz
         pose(missed, np.where(np.isfinite(xyz), xyz, more))
-    return rotation, translation, posed
+    return Poses(rotation, translation, posed), xyz
+
+
+@dataclass(frozen=True, eq=False)
+class _Rolled:
+    """A solve with the rolling shutter taken away; before that, one without."""
+
+    table: FrameTable
+    """As displayed."""
+    straight: FrameTable
+    """With all rows exposed at once."""
+    growth: Growth
+    poses: Poses
+    xyz: Float[np.ndarray, "tracks 3"]
+    adjusted: Adjusted
+    seen: Observations
+    kept: Int[np.ndarray, "kept"]
+    radial_terms: int
+    scale: float
+    shutter: RollingShutter | None = None
+
+
+def _without_shutter(
+    now: _Rolled,
+    keyframes: Int[np.ndarray, "keyframes"],
+    image_size: tuple[int, int],
+    options: SfmOptions,
+    prior: FocalPrior | None,
+    seed: int,
+    progress: Progress,
+) -> _Rolled:
+    """The rolling shutter found and taken away by turns: motion within a frame from the poses, straight features from the motion, poses from these.
+
+    `now` comes back where the data do not ask for it, by the criterion of the radial terms: twice the rise of the log-likelihood against log(n).
+    """
+    if now.poses.posed.sum() < options.shutter.min_frames:
+        return now
+    first, readout, settled = now, 0.0, False
+    for done in range(options.shutter.max_rounds):
+        progress("Weighing a rolling shutter", done, options.shutter.max_rounds)
+        # What the keyframes say needs no other frame straightened.
+        rows = np.arange(now.table.num_frames) if done else keyframes
+        shutter = _shutter(now, rows, readout, image_size, options)
+        if done:
+            straight = replace(now.table, xy=_straightened(now, rows, shutter, readout, image_size))
+            keyed = keyframe_table(straight, keyframes)
+            poses, xyz = _pose_all(straight, keyframes, now.growth, keyed, now.scale, seed, options, progress, start=now.poses)
+            now = replace(now, straight=straight, poses=poses, xyz=xyz, shutter=shutter)
+            if settled:
+                break
+            shutter = _shutter(now, keyframes, readout, image_size, options)
+        seen, drift = _drift(now, keyframes, shutter, readout, image_size)
+        bundle = replace(now.adjusted.bundle, readout=0.0)
+        tried = adjust(bundle, seen, scale=now.scale, radial_terms=now.radial_terms, prior=prior, drift=drift, max_iterations=15 if done else 8, tolerance=1e-5)
+        if not done:
+            variance = robust_scale(tried.residual) ** 2
+            if 2 * (now.adjusted.cost - tried.cost) / variance / options.independent <= np.log(len(seen.camera) / options.independent):
+                return first
+        readout += tried.bundle.readout
+        settled = abs(tried.bundle.readout) < options.shutter.tolerance or done == options.shutter.max_rounds - 2
+        scale = max(options.growth.scale_sigmas * robust_scale(tried.residual), 0.02)
+        now = replace(now, growth=_put_back(now.growth, tried, now.kept), adjusted=tried, seen=seen, scale=scale)
+    growth = replace(now.growth, values=np.array([*now.growth.values[:3], 0.0, 0.0]), scale=now.scale)
+    keyed = keyframe_table(now.straight, keyframes)
+    adjusted, seen, kept, radial_terms, scale = _final_adjustment(growth, keyed, image_size, options, prior, progress)
+    growth = _put_back(growth, adjusted, kept)
+    poses, xyz = _pose_all(now.straight, keyframes, growth, keyed, scale, seed, options, progress, start=now.poses)
+    now = replace(now, growth=growth, poses=poses, xyz=xyz, adjusted=adjusted, seen=seen, kept=kept, radial_terms=radial_terms, scale=scale)
+    return now if scale < first.scale and abs(readout) <= options.shutter.max_readout else first
+
+
+def _shutter(now: _Rolled, rows: Int[np.ndarray, "rows"], readout: float, image_size: tuple[int, int], options: SfmOptions) -> RollingShutter:
+    turn, shift = motion_within_frames(now.table.frame, now.poses)
+    surface = depth_surfaces(_part(now.straight, rows), now.growth.values, image_size, now.poses.part(rows), now.xyz, options.shutter)
+    return RollingShutter(readout=readout, frame=now.table.frame[rows], turn=turn[rows], shift=shift[rows], inverse_depth=surface)
+
+
+def _straightened(
+    now: _Rolled, rows: Int[np.ndarray, "rows"], shutter: RollingShutter, readout: float, image_size: tuple[int, int]
+) -> Float[np.ndarray, "obs 2"]:
+    part = _part(now.table, rows)
+    return straighten(part, now.growth.values, image_size, now.poses.part(rows), now.xyz, replace(shutter, readout=readout))
+
+
+def _drift(
+    now: _Rolled, keyframes: Int[np.ndarray, "keyframes"], shutter: RollingShutter, readout: float, image_size: tuple[int, int], step: float = 0.05
+) -> tuple[Observations, Float[np.ndarray, "obs 2"]]:
+    """The adjustment's observations, straightened, and by how much they move as the readout grows by a frame."""
+    use = np.zeros(len(now.growth.xyz), bool)
+    use[now.kept] = True
+    places: list[Observations] = []
+    part = _part(now.table, keyframes)
+    for at in (readout, readout - step, readout + step):
+        moved = replace(part, xy=_straightened(now, keyframes, shutter, at, image_size))
+        keyed = keyframe_table(moved, np.arange(len(keyframes)))
+        places.append(restrict(keyed.seen, use, now.growth.posed)[0])
+    return places[0], (places[2].xy - places[1].xy) / (2 * step)
+
+
+def _part(table: FrameTable, rows: Int[np.ndarray, "rows"]) -> FrameTable:
+    """Some of the frames."""
+    if len(rows) == table.num_frames:
+        return table
+    picked = np.concatenate([np.arange(int(table.start[k]), int(table.start[k + 1])) for k in rows])
+    start = np.concatenate([[0], np.cumsum(table.start[rows + 1] - table.start[rows])]).astype(np.intp)
+    return FrameTable(track=table.track[picked], xy=table.xy[picked], start=start, frame=table.frame[rows], num_tracks=table.num_tracks)
 
 
 def _between(
@@ -278,9 +396,8 @@ def _result(
     table: FrameTable,
     keyframes: Int[np.ndarray, "keyframes"],
     growth: Growth,
-    rotation: Float[np.ndarray, "frames 3 3"],
-    translation: Float[np.ndarray, "frames 3"],
-    posed: Bool[np.ndarray, "frames"],
+    poses: Poses,
+    shutter: RollingShutter | None,
     radial_terms: int,
     scale: float,
     focal: FocalUncertainty,
@@ -290,6 +407,7 @@ def _result(
     options: SfmOptions,
 ) -> Solved | Refused:
     """All tracks triangulated from all posed frames, in the units and the frame that are handed out."""
+    rotation, translation, posed = poses.rotation, poses.translation, poses.posed
     if not posed.any():
         return Refused("lost", "Not one frame could be posed. Film a static scene, walking around it slowly.")
     track, xyz, covariance, residual = _all_points(table, growth.values, rotation, translation, posed, scale, options.output_angle_deg)
@@ -326,6 +444,7 @@ def _result(
         intrinsics=intrinsics_value(growth.values, image_size, radial_terms),
         frame=table.frame, rotation=new_rotation, translation=new_translation, posed=posed,
         focal_sigma=focal.sigma, focal_interval=focal.interval,
+        shutter=None if shutter is None else shutter.scaled(unit),
     )  # fmt: skip
     summary = SfmSummary(
         median_residual=median, sigma=sigma, keyframes=tuple(int(table.frame[k]) for k in keyframes[growth.posed]), radial_terms=radial_terms,

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from planewright.geometry.camera import Intrinsics
-from planewright.synthetic.motion import Motion
+from planewright.synthetic.motion import Motion, Visit
 from planewright.synthetic.render import CompiledScene, RenderedFrames, Renderer, RenderOptions, compile_scene
 from planewright.synthetic.scene import Scene
 
@@ -20,6 +20,8 @@ class SyntheticClip:
     path: Motion
     intrinsics: Intrinsics
     options: RenderOptions
+    visit: Visit | None = None
+    """How the surfaces of the visitor move, if there is one."""
 
     @property
     def num_frames(self) -> int:
@@ -34,7 +36,7 @@ class SyntheticClip:
     @cached_property
     def renderer(self) -> Renderer:
         """Draws its frames."""
-        return Renderer(self.scene, self.compiled, self.path, self.intrinsics, self.options)
+        return Renderer(self.scene, self.compiled, self.path, self.intrinsics, self.options, self.visit)
 
     @property
     def frames(self) -> RenderedFrames:

@@ -9,12 +9,14 @@ from planewright.synthetic.boxes import boxes
 from planewright.synthetic.building import build_off
 from planewright.synthetic.clip import SyntheticClip, centered_camera
 from planewright.synthetic.desktop import desktop
+from planewright.synthetic.hall import hall
 from planewright.synthetic.houses import toy_house
 from planewright.synthetic.library import library
-from planewright.synthetic.motion import Path, draw_tremor
+from planewright.synthetic.motion import Path, both, draw_shake, draw_tremor
 from planewright.synthetic.observe import true_tracks
 from planewright.synthetic.scene import Part, Scene, Surface, pillar
 from planewright.synthetic.textures import Painter, parcel, plaster, print_on, speckled
+from planewright.synthetic.visitors import hand, pass_before, visited
 
 _SIZE = (960, 540)
 
@@ -63,7 +65,7 @@ def turntable(num_frames: int = 150, size: tuple[int, int] = _SIZE, seed: int = 
     thick = 0.06
     density = 0.3 * size[0]
     disc = pillar((0.1, -0.05, -thick), 1.75, thick, 60, plaster((186, 176, 160), 0.05, 0.2), density)
-    turning = [replace(s, moving=True) for s in clip.scene.surfaces if s.part == "thing"] + [replace(s, moving=True, part="room") for s in disc]
+    turning = [replace(s, carrier="object") for s in clip.scene.surfaces if s.part == "thing"] + [replace(s, carrier="object", part="room") for s in disc]
     room = [replace(s, loops=tuple(loop - [0.0, 0.0, thick] for loop in s.loops)) for s in clip.scene.surfaces if s.part == "room"]
     path = replace(
         clip.path,
@@ -85,6 +87,32 @@ def bare_background(num_frames: int = 150, size: tuple[int, int] = _SIZE, seed: 
     table = next(s for s in scene.surfaces if s.part == "room")
     surfaces = (*(s for s in scene.surfaces if s.part == "thing"), table)
     return replace(clip, name="bare_background", scene=replace(scene, surfaces=surfaces, background=(188.0, 196.0, 204.0)))
+
+
+def blur(num_frames: int = 200, size: tuple[int, int] = _SIZE, seed: int = 19) -> SyntheticClip:
+    """The cartons by a hand that shakes, in dim light: the shutter stays open for three quarters of the time, and corners smear over 8 pixels."""
+    return _shaken(replace(boxes(num_frames, size, seed), name="blur"), 0.12, shutter=0.75, samples=8)
+
+
+def occluder(num_frames: int = 150, size: tuple[int, int] = _SIZE, seed: int = 20) -> SyntheticClip:
+    """The toy house, and a hand that reaches in three times: it covers corners in 15 % of the frames."""
+    clip = toy_house(num_frames, size, seed)
+    clip = replace(clip, name="occluder", options=replace(clip.options, samples=8))
+    arm = hand(1.15, 0.24 * size[0], np.random.default_rng((seed, 6)))
+    reaches = (((1.4, -1.2, 0.8), 0.2, 80.0), ((-0.6, -1.2, 1.0), 0.5, 140.0), ((1.0, -0.6, 1.9), 0.8, 35.0))
+    passes = [pass_before(clip.path, clip.intrinsics, over, round(at * num_frames), 10.0, 0.6, way) for over, at, way in reaches]
+    return visited(clip, arm, passes)
+
+
+def rolling_shutter(num_frames: int = 240, size: tuple[int, int] = _SIZE, seed: int = 21) -> SyntheticClip:
+    """The hall, by a hand that shakes, through a sensor that takes seven tenths of the time between frames to read its rows."""
+    return _shaken(replace(hall(num_frames, size, seed), name="rolling_shutter"), 0.12, shutter=0.3, readout=0.7)
+
+
+def _shaken(clip: SyntheticClip, turn_deg: float, **options: float) -> SyntheticClip:
+    """The clip with fast shakes on top of the hand's tremor, and other options of the camera."""
+    shake = draw_shake(turn_deg, np.random.default_rng((clip.options.seed, 7)))
+    return replace(clip, path=replace(clip.path, tremor=both(clip.path.tremor, shake)), options=replace(clip.options, **options))
 
 
 def _on_arc(clip: SyntheticClip, azimuth_deg: tuple[float, float], height: float) -> SyntheticClip:
@@ -114,5 +142,5 @@ def seen_only(clip: SyntheticClip, share: float = 0.1) -> SyntheticClip:
     return replace(clip, scene=replace(scene, points=points, faces=faces, surfaces=(*drawn, *others)))
 
 
-HARD = (bare_walls, arc_10, arc_20, low_bit_rate, as_built, blending, turntable, bare_background)
+HARD = (bare_walls, arc_10, arc_20, low_bit_rate, as_built, blending, turntable, bare_background, blur, occluder, rolling_shutter)
 """All of them."""

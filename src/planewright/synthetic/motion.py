@@ -25,6 +25,19 @@ class Tremor:
         return (self.amplitude * np.sin(2 * np.pi * self.frequency[:, None] * time + self.phase)).sum(axis=0)
 
 
+def draw_shake(turn_deg: float, rng: np.random.Generator) -> Tremor:
+    """Fast shakes: turns alone, whose deviation is `turn_deg` (degrees) on each axis, at 3 to 7 cycles a second at 30 frames a second, swelling and fading."""
+    frequency = np.linspace(0.1, 0.23, 7) * rng.uniform(0.95, 1.05, 7)
+    amplitude = np.zeros((7, 6))
+    amplitude[:, 3:] = np.radians(turn_deg) * np.sqrt(2 / 7) * rng.uniform(0.7, 1.3, (7, 3))
+    return Tremor(frequency, amplitude, rng.uniform(0, 2 * np.pi, (7, 6)))
+
+
+def both(a: Tremor, b: Tremor) -> Tremor:
+    """One on top of the other."""
+    return Tremor(*(np.concatenate(parts) for parts in ((a.frequency, b.frequency), (a.amplitude, b.amplitude), (a.phase, b.phase))))
+
+
 def draw_tremor(position: float, turn_deg: float, rng: np.random.Generator) -> Tremor:
     """A tremor whose deviation is `position` (scene units) and `turn_deg` (degrees) on each axis.
 
@@ -121,6 +134,41 @@ class Walk:
         """Nothing moves but the camera."""
         del time
         return Rigid(np.eye(3), np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """One way of the visitor through the scene: in and out again, or straight through."""
+
+    time: float
+    """Frame at the middle of the pass."""
+    half: float
+    """Frames from there to the end of it."""
+    turn: Float[np.ndarray, "3 3"]
+    """Rotation world_from_visitor, the same all along."""
+    middle: Vec3
+    """Where its origin is at the middle, scene units."""
+    away: Vec3
+    """How far from there it is at the end, scene units."""
+    back: bool
+    """It came the way it goes; otherwise it came from the other side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Visit:
+    """All passes of a clip's visitor. Continuous in time, so that it blurs."""
+
+    passes: tuple[Pass, ...]
+
+    def world_from_visitor(self, time: float) -> Rigid | None:
+        """Where it is at a time in frames; None when it is not there."""
+        for p in self.passes:
+            share = (time - p.time) / p.half
+            if abs(share) < 1.0:
+                # A reaching hand slows down at its goal and where it came from; who walks by keeps the pace.
+                way = 0.5 - 0.5 * np.cos(np.pi * share) if p.back else share
+                return Rigid(p.turn, p.middle + way * p.away)
+        return None
 
 
 Motion = Path | Walk

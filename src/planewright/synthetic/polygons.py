@@ -76,6 +76,23 @@ def flatten(surfaces: Sequence[Surface], offsets: Float[np.ndarray, "polygons 2"
     )
 
 
+def subset(polygons: Polygons, keep: Bool[np.ndarray, "polygons"]) -> Polygons:
+    """Some of the polygons."""
+    kept = np.flatnonzero(keep)
+    loop_polygon = np.repeat(np.arange(len(keep)), np.diff(polygons.polygon_loop))
+    loops, vertices = np.flatnonzero(keep[loop_polygon]), np.flatnonzero(keep[polygons.owner])
+    renamed = np.cumsum(keep) - 1
+    return Polygons(
+        vertices=polygons.vertices[vertices],
+        owner=renamed[polygons.owner[vertices]],
+        loop_start=np.concatenate([[0], np.cumsum(np.diff(polygons.loop_start)[loops])]),
+        polygon_loop=np.concatenate([[0], np.cumsum(np.diff(polygons.polygon_loop)[kept])]),
+        frames=polygons.frames[kept],
+        corners=polygons.corners[vertices],
+        spheres=polygons.spheres[kept],
+    )
+
+
 def _plane_frame(surface: Surface, offset: Float[np.ndarray, "2"]) -> Float[np.ndarray, "3 4"]:
     """Axes u (level) and v (down the plane) with all plane coordinates at or above `offset`."""
     n = surface.normal

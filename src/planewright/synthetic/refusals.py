@@ -66,7 +66,7 @@ def object_on_turntable(num_frames: int = 40, size: tuple[int, int] = _SIZE, see
     faces = (TrueFace("front", ("a0", "a1", "b1", "b0")), TrueFace("side", ("a1", "a2", "b2", "b1")), TrueFace("top", ("b0", "b1", "b2", "b3")))
     density = 0.45 * size[0]
     labels = [print_on((190, 150, 100), 60, 0.25), print_on((170, 130, 84), 60, 0.25), print_on((200, 165, 120), 60, 0.25)]
-    carton = face_surfaces(points, faces, dict(zip(("front", "side", "top"), labels, strict=True)), density, moving=True)
+    carton = face_surfaces(points, faces, dict(zip(("front", "side", "top"), labels, strict=True)), density, carrier="object")
     room = (
         quad((-4.0, -3.5, -0.01), (8.0, 0, 0), (0, 7.0, 0), print_on((150, 140, 120), 12, 0.3), 0.6 * density),
         quad((-4.0, 2.5, -0.01), (8.0, 0, 0), (0, 0, 4.0), bricks((160, 90, 70), (200, 190, 180)), 0.5 * density),

@@ -7,17 +7,21 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from planewright.arrays import Bool, ColorImage, Float, GrayImage, Int, UInt8
+from planewright.arrays import ColorImage, Float, GrayImage, Int, UInt8
 from planewright.geometry.camera import Intrinsics
+from planewright.geometry.rigid import Rigid
 from planewright.synthetic import kernels
-from planewright.synthetic.motion import Motion
-from planewright.synthetic.polygons import Polygons, flatten
-from planewright.synthetic.scene import Scene, Surface
+from planewright.synthetic.motion import Motion, Visit
+from planewright.synthetic.polygons import Polygons, flatten, subset
+from planewright.synthetic.scene import Carrier, Scene, Surface
 from planewright.synthetic.textures import Painter
 
 _NEAR = 0.02
 """Scene units; what comes nearer to the camera is cut."""
 _LEVELS = 7
+_BAND = 8
+"""Rows that are drawn as of one time where the sensor is read row by row: at 15 pixels a frame half a band lies within 0.06 pixels of its own time."""
+_CARRIERS: tuple[Carrier, ...] = ("world", "object", "visitor")
 _BRIGHTNESS = 1.3
 """Exposure of the camera: a surface at right angles to the sun under an open sky shows its paint 1.3 times as bright."""
 
@@ -38,6 +42,8 @@ class RenderOptions:
     """Sub-frames a frame, each at its own time in the exposure and its own place in the pixel."""
     shutter: float = 0.5
     """Exposure time as a share of the time between frames; the truth of a frame is the middle of its exposure."""
+    readout: float = 0.0
+    """Time from the first to the last row's exposure as a share of the time between frames (a rolling shutter); the middle of a frame is its middle row's."""
     noise: float = 2.0
     """Standard deviation of the sensor noise, grey levels."""
     exposure_drift: float = 0.12
@@ -53,7 +59,8 @@ class CompiledScene:
     """A scene made ready: geometry as arrays, painted and lit textures with their smaller levels."""
 
     polygons: Polygons
-    moving: Bool[np.ndarray, "polygons"]
+    carrier: Int[np.ndarray, "polygons"]
+    """0 where nothing carries it, 1 with the turning object, 2 with the visitor."""
     density: Float[np.ndarray, "polygons"]
     """Texels a scene unit."""
     gain: Float[np.ndarray, "polygons"]
@@ -98,23 +105,26 @@ def compile_scene(scene: Scene, seed: int) -> CompiledScene:
     facet = np.array([s.facet for s in surfaces])
     polygons = flatten(surfaces, rng.uniform(0.0, 0.5, (len(surfaces), 2)) * facet[:, None])
     sun, sky = _rays(scene)
+    # A visitor casts no shadow on what is painted once for all frames, and none falls on it.
+    lighters = {visiting: subset(polygons, np.array([(s.carrier == "visitor") == visiting for s in surfaces])) for visiting in (False, True)}
     gain = np.ones(len(surfaces))
     texture = np.zeros(len(surfaces), np.int64)
     images: list[Float[np.ndarray, "rows columns 3"]] = []
     shared: dict[Painter, int] = {}
     for p, s in enumerate(surfaces):
+        lighter = lighters[s.carrier == "visitor"]
         if s.facet:
             if s.paint not in shared:
                 side = 0.01 + max(float(polygons.extent(k).max()) for k, other in enumerate(surfaces) if other.paint is s.paint)
                 shared[s.paint] = len(images)
                 images.append(s.paint(side, side, s.density, rng))
             texture[p] = shared[s.paint]
-            gain[p] = _BRIGHTNESS * polygons.light(s.loops[0].mean(axis=0)[None], s.normal[None], sun, sky, scene.ambient)[0]
+            gain[p] = _BRIGHTNESS * lighter.light(s.loops[0].mean(axis=0)[None], s.normal[None], sun, sky, scene.ambient)[0]
         else:
             width, height = polygons.extent(p)
             texture[p] = len(images)
             image = s.paint(float(width), float(height), s.density, rng)
-            images.append(image * _light_map((image.shape[0], image.shape[1]), s, p, polygons, sun, sky, scene.ambient)[..., None])
+            images.append(image * _light_map((image.shape[0], image.shape[1]), s, polygons.frames[p], lighter, sun, sky, scene.ambient)[..., None])
     level_start = np.zeros((len(images), _LEVELS), np.int64)
     level_size = np.zeros((len(images), _LEVELS, 2), np.int64)
     texels: list[UInt8[np.ndarray, "n 3"]] = []
@@ -124,14 +134,14 @@ def compile_scene(scene: Scene, seed: int) -> CompiledScene:
             level_start[t, k], level_size[t, k] = total, level.shape[:2]
             texels.append(level.reshape(-1, 3))
             total += level.shape[0] * level.shape[1]
-    moving = np.array([s.moving for s in surfaces])
-    return CompiledScene(polygons, moving, np.array([s.density for s in surfaces]), gain, texture, level_start, level_size, np.concatenate(texels))
+    carrier = np.array([_CARRIERS.index(s.carrier) for s in surfaces])
+    return CompiledScene(polygons, carrier, np.array([s.density for s in surfaces]), gain, texture, level_start, level_size, np.concatenate(texels))
 
 
 def _light_map(
     size: tuple[int, int],
     surface: Surface,
-    polygon: int,
+    frame: Float[np.ndarray, "3 4"],
     polygons: Polygons,
     sun: Float[np.ndarray, "sun 3"],
     sky: Float[np.ndarray, "sky 3"],
@@ -140,7 +150,6 @@ def _light_map(
     """Light on every texel: traced on a grid of at most 72 by 72 places, smooth in between."""
     rows, columns = (int(np.clip(n / 8, 6, 72)) for n in size)
     u, v = np.meshgrid((np.arange(columns) + 0.5) / columns * size[1] / surface.density, (np.arange(rows) + 0.5) / rows * size[0] / surface.density)
-    frame = polygons.frames[polygon]
     points = (np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)]) - frame[:, 3]) @ frame[:, :3]
     light = polygons.light(points, np.tile(surface.normal, (len(points), 1)), sun, sky, ambient)
     light = (_BRIGHTNESS * light).reshape(rows, columns).astype(np.float32)
@@ -156,6 +165,7 @@ class Renderer:
     path: Motion
     intrinsics: Intrinsics
     options: RenderOptions
+    visit: Visit | None = None
 
     @cached_property
     def lens(self) -> "_Lens":
@@ -169,9 +179,10 @@ class Renderer:
         samples = self.options.samples
         hit = np.zeros((height, width), np.int64)
         for k, place in enumerate(_sample_places(samples)):
-            sample = self._sample(number + self.options.shutter * ((k + 0.5) / samples - 0.5), (float(place[0]), float(place[1])))
-            sample.add_to(total, self.compiled)
-            hit += sample.index >= 0
+            time = number + self.options.shutter * ((k + 0.5) / samples - 0.5)
+            for sample in self._bands(time, (float(place[0]), float(place[1]))):
+                sample.add_to(total, self.compiled)
+                hit[sample.rows] += sample.index >= 0
         if hit.min() < samples:
             total += (samples - hit)[..., None].astype(np.float32) * np.asarray(self.scene.background, np.float32)
         total = self.lens.bend(total, cv2.INTER_CUBIC)
@@ -186,30 +197,43 @@ class Renderer:
 
     def surface_index(self, number: int) -> Int[np.ndarray, "height width"]:
         """Which surface of the scene the middle of every pixel shows in the middle of the exposure; -1 for none."""
-        straight = self._sample(float(number), (0.5, 0.5)).index.astype(np.float32)
+        straight = np.concatenate([band.index for band in self._bands(float(number), (0.5, 0.5))]).astype(np.float32)
         return self.lens.bend(straight, cv2.INTER_NEAREST).astype(np.int64)
 
-    def _sample(self, time: float, place: tuple[float, float]) -> "_Sample":
-        """What is nearest at one place of every pixel at one time."""
+    def _bands(self, time: float, place: tuple[float, float]) -> Iterator["_Sample"]:
+        """What is nearest at one place of every pixel, each row at its own time; `time` is that of the middle row."""
+        height = self.lens.straight.image_size[1]
+        if self.options.readout == 0.0:
+            yield self._sample(time, place, slice(0, height))
+            return
+        for first in range(0, height, _BAND):
+            last = min(first + _BAND, height)
+            yield self._sample(time + self.options.readout * (0.5 * (first + last) / height - 0.5), place, slice(first, last))
+
+    def _sample(self, time: float, place: tuple[float, float], rows: slice) -> "_Sample":
+        """What is nearest at one place of every pixel of some rows at one time."""
         c, polygons = self.compiled, self.compiled.polygons
         cam_from_world = self.path.cam_from_world(time)
-        cam_from_object = cam_from_world @ self.path.world_from_object(time)
-        vertices = np.where(c.moving[polygons.owner, None], cam_from_object.apply(polygons.vertices), cam_from_world.apply(polygons.vertices))
-        rotation = np.where(c.moving[:, None, None], cam_from_object.rotation, cam_from_world.rotation)
-        translation = np.where(c.moving[:, None], cam_from_object.translation, cam_from_world.translation)
+        world_from_visitor = self.visit.world_from_visitor(time) if self.visit else None
+        # A visitor that is not there stands behind the camera.
+        cam_from_visitor = cam_from_world @ world_from_visitor if world_from_visitor else Rigid(np.eye(3), np.array([0.0, 0.0, -1e6]))
+        poses = (cam_from_world, cam_from_world @ self.path.world_from_object(time), cam_from_visitor)
+        rotation, translation = np.array([p.rotation for p in poses])[c.carrier], np.array([p.translation for p in poses])[c.carrier]
+        vertices = np.einsum("vij,vj->vi", rotation[polygons.owner], polygons.vertices) + translation[polygons.owner]
         # Row a . x + d in the world is (a R^T) . x_cam + d - (a R^T) . t in the camera frame.
         axes = np.empty_like(polygons.frames)
         axes[..., :3] = polygons.frames[..., :3] @ rotation.transpose(0, 2, 1)
         axes[..., 3] = polygons.frames[..., 3] - np.einsum("pij,pj->pi", axes[..., :3], translation)
         normal, offset = axes[:, 2, :3], axes[:, 2, 3]
         slope = -normal / np.where(np.abs(offset) < 1e-9, 1e-9, offset)[:, None]
-        focal, (cx, cy) = self.lens.straight.focal, self.lens.straight.principal_point
+        # Some rows of an image are an image whose principal point lies higher.
+        focal, (cx, cy) = self.lens.straight.focal, self.lens.straight.principal_point - np.array([0.0, rows.start])
         inverse_depth = np.column_stack([slope[:, 0] / focal, slope[:, 1] / focal, slope[:, 2] - slope[:, 0] * cx / focal - slope[:, 1] * cy / focal])
         camera = (float(focal), float(cx), float(cy), *place)
-        width, height = self.lens.straight.image_size
+        width, height = self.lens.straight.image_size[0], rows.stop - rows.start
         index = np.full((height, width), -1, np.int64)
         kernels.rasterize(vertices, polygons.loop_start, polygons.polygon_loop, inverse_depth, camera, _NEAR, np.zeros((height, width)), index)
-        return _Sample(index, np.ascontiguousarray(axes[:, :2]), inverse_depth, camera)
+        return _Sample(rows, index, np.ascontiguousarray(axes[:, :2]), inverse_depth, camera)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,15 +267,17 @@ def _straight_view(intrinsics: Intrinsics) -> _Lens:
 class _Sample:
     """One sub-frame before it is coloured; see `kernels.shade`."""
 
+    rows: slice
+    """Of the image; `index` has only these."""
     index: Int[np.ndarray, "height width"]
     axes: Float[np.ndarray, "polygons 2 4"]
     inverse_depth: Float[np.ndarray, "polygons 3"]
     camera: tuple[float, float, float, float, float]
 
-    def add_to(self, total: Float[np.ndarray, "height width 3"], c: CompiledScene) -> None:
+    def add_to(self, total: Float[np.ndarray, "all_rows width 3"], c: CompiledScene) -> None:
         """Add its colours to `total`."""
         textures = (c.texture, c.level_start, c.level_size, c.texels)
-        kernels.shade(self.index, self.axes, self.inverse_depth, self.camera, c.density, c.gain, *textures, total)
+        kernels.shade(self.index, self.axes, self.inverse_depth, self.camera, c.density, c.gain, *textures, total[self.rows])
 
 
 @dataclass(frozen=True, eq=False)

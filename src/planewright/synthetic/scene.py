@@ -13,6 +13,9 @@ from planewright.synthetic.textures import Painter
 Part = Literal["thing", "room", "clutter"]
 """What is sketched and its unsketched sides; what stands around it for good; what merely lies about."""
 
+Carrier = Literal["world", "object", "visitor"]
+"""What carries a surface along: nothing; the turning object; a visitor that passes through the clip."""
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -23,8 +26,7 @@ class Surface:
     paint: Painter
     density: float
     """Texels a scene unit."""
-    moving: bool = False
-    """Carried along by the scene's moving object (a turntable)."""
+    carrier: Carrier = "world"
     facet: bool = False
     """One small facet of a round thing: it shares its texture with the other facets of that paint and has one light all over."""
     part: Part = "thing"
@@ -81,14 +83,14 @@ def loop_normal(loop: Float[np.ndarray, "corners 3"]) -> Vec3:
 
 
 def face_surfaces(
-    points: dict[str, tuple[float, float, float]], faces: Sequence[TrueFace], paints: dict[str, Painter], density: float, moving: bool = False
+    points: dict[str, tuple[float, float, float]], faces: Sequence[TrueFace], paints: dict[str, Painter], density: float, carrier: Carrier = "world"
 ) -> tuple[Surface, ...]:
     """The sketched faces as surfaces; `paints` has one painter for each face id."""
 
     def loop(ids: Sequence[str]) -> Float[np.ndarray, "corners 3"]:
         return np.array([points[k] for k in ids])
 
-    return tuple(Surface((loop(f.loop), *(loop(h) for h in f.holes)), paints[f.id], density, moving) for f in faces)
+    return tuple(Surface((loop(f.loop), *(loop(h) for h in f.holes)), paints[f.id], density, carrier) for f in faces)
 
 
 def as_part(part: Part, surfaces: Iterable[Surface]) -> list[Surface]:

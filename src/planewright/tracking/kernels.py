@@ -105,37 +105,65 @@ def line_scores(strip, valid, half, out):
 
 @njit(cache=True)
 @no_type_check
-def frame_edges(image, ends, radius, spacing, limit, out):
+def frame_edges(image, ends, inverse_depth, own, blur, faces, depth, tolerance, radius, spacing, limit, out):
     """Where drawn edges run in one frame, near where they are predicted.
 
-    ends (E, 4): predicted end points (x0, y0, x1, y1); radius: pixels searched to both sides. For each sample along an edge the
-    steepest place across it is found (parabola through three), then a straight line by reweighted least squares about the median.
-    Fills out (E, 4): offset at the first end, at the second (pixels, along the normal (-dy, dx) / length), standard deviation of a
-    sample about the line, share of samples that lie on it; the share is 0 where there is no line.
+    image (h, w) uint8. ends (E, 4): predicted end points (x0, y0, x1, y1). inverse_depth (E, 2): of the ends, in front of the camera.
+    own (E, F): the faces at each edge; faces (h2, w2) and depth (h2, w2): what the model shows; a sample is not looked at where
+    another face is nearer by `tolerance`. blur (E, 2): length of the motion blur across the edge at both ends, pixels. radius: pixels
+    searched to both sides. For each sample along an edge that lies in the image the largest change across it is found (parabola
+    through three), over a base as long as the blur: a ramp's middle is where that is largest, while its steepest place is anywhere
+    on it. Then a straight line by reweighted least squares about the median.
+    Fills out (E, 6): offset at the first end, at the second (pixels, along the normal (-dy, dx) / length); the information of these
+    two, 1st, cross, 2nd, in units in which an edge seen whole by 12 samples or more has a variance of 1 at its ends; share of the samples
+    looked at that lie on the line. All 0 where there is no line.
     """
     half = int(2 * radius)
-    profile = np.empty(2 * half + 3)
+    widest = 2 * half + 2 * int(2 * radius) + 3
+    profile = np.empty(widest)
+    height, width = image.shape
+    scale_x, scale_y = depth.shape[1] / width, depth.shape[0] / height
+    t, d, w = np.empty(60), np.empty(60), np.empty(60)
     for e in range(ends.shape[0]):
-        out[e, 3] = 0.0
+        out[e] = 0.0
         x0, y0, x1, y1 = ends[e]
         length = np.hypot(x1 - x0, y1 - y0)
-        if length < 10.0:
+        # the part in the image (Liang-Barsky)
+        first, last = 0.0, 1.0
+        for axis in range(2):
+            start, move = (x0, x1 - x0) if axis == 0 else (y0, y1 - y0)
+            top = (width if axis == 0 else height) - 3.0
+            if abs(move) < 1e-9:
+                if start < 2.0 or start > top:
+                    last = -1.0
+                continue
+            a, b = (2.0 - start) / move, (top - start) / move
+            first, last = max(first, min(a, b)), min(last, max(a, b))
+        seen = (last - first) * length
+        if not seen >= 10.0:
             continue
         nx, ny = -(y1 - y0) / length, (x1 - x0) / length
-        count = min(max(int(length / spacing), 5), 60)
-        t = np.empty(count)
-        d = np.empty(count)
-        w = np.empty(count)
+        count = min(max(int(seen / spacing), 5), 60)
         n = 0
         looked = 0
         for s in range(count):
-            u = (s + 0.5) / count
+            u = first + (last - first) * (s + 0.5) / count
             if u < 0.04 or u > 0.96:
                 continue
             x, y = x0 + u * (x1 - x0), y0 + u * (y1 - y0)
+            row, column = int((y + 0.5) * scale_y), int((x + 0.5) * scale_x)
+            if row < 0 or column < 0 or row >= depth.shape[0] or column >= depth.shape[1]:
+                continue
+            f = faces[row, column]
+            if f >= 0 and not own[e, f]:
+                z = 1.0 / (inverse_depth[e, 0] * (1.0 - u) + inverse_depth[e, 1] * u)
+                if depth[row, column] < z - tolerance:
+                    continue
+            base = min(max(int(blur[e, 0] * (1.0 - u) + blur[e, 1] * u + 0.5), 1), int(2 * radius))
+            size = 2 * half + 2 * base + 1
             good = True
-            for j in range(2 * half + 3):
-                o = 0.5 * (j - 1 - half)
+            for j in range(size):
+                o = 0.5 * (j - base - half)
                 profile[j] = bilinear(image, x + o * nx, y + o * ny)
                 if profile[j] < 0.0:
                     good = False
@@ -144,24 +172,24 @@ def frame_edges(image, ends, radius, spacing, limit, out):
                 continue
             looked += 1
             best, at = 0.0, -1
-            for j in range(1, 2 * half + 2):
+            for j in range(base, 2 * half + base + 1):
                 # nearer places win over slightly steeper ones further off
-                o = 0.5 * (j - 1 - half)
-                g = abs(profile[j + 1] - profile[j - 1]) / (1.0 + (o / radius) ** 2)
+                o = 0.5 * (j - base - half)
+                g = abs(profile[j + base] - profile[j - base]) / (1.0 + (o / radius) ** 2)
                 if g > best:
                     best, at = g, j
             if at < 0 or best < limit:
                 continue
             shift = 0.0
-            if at > 1 and at < 2 * half + 1:
-                a = abs(profile[at] - profile[at - 2])
-                b = abs(profile[at + 1] - profile[at - 1])
-                c = abs(profile[at + 2] - profile[at])
+            if at > base and at < 2 * half + base:
+                a = abs(profile[at - 1 + base] - profile[at - 1 - base])
+                b = abs(profile[at + base] - profile[at - base])
+                c = abs(profile[at + 1 + base] - profile[at + 1 - base])
                 bend = a - 2.0 * b + c
                 if bend < 0.0:
                     shift = min(max(0.5 * (a - c) / bend, -0.5), 0.5)
             t[n] = u
-            d[n] = 0.5 * (at - 1 - half + shift)
+            d[n] = 0.5 * (at - base - half + shift)
             n += 1
         if n < 5 or 2 * n < looked:
             continue
@@ -185,14 +213,16 @@ def frame_edges(image, ends, radius, spacing, limit, out):
             a, b = (r0 * s2 - r1 * s1) / det, (r1 * s0 - r0 * s1) / det
             scale = max(0.6 * scale, 0.3)
         on = 0
-        total = 0.0
+        s0 = s1 = s2 = 0.0
         for i in range(n):
             r = d[i] - a * (1.0 - t[i]) - b * t[i]
             if abs(r) < 0.8:
                 on += 1
-                total += r * r
+                s0 += (1.0 - t[i]) ** 2
+                s1 += (1.0 - t[i]) * t[i]
+                s2 += t[i] ** 2
         if on >= 5:
-            out[e, 0] = a
-            out[e, 1] = b
-            out[e, 2] = max(np.sqrt(total / on), 0.05)
-            out[e, 3] = on / looked
+            unit = 4.0 / max(on, 12)
+            out[e, 0], out[e, 1] = a, b
+            out[e, 2], out[e, 3], out[e, 4] = unit * s0, unit * s1, unit * s2
+            out[e, 5] = on / looked

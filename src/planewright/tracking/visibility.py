@@ -29,11 +29,15 @@ def corner_visibility(
     offsets: Float[np.ndarray, "faces"],
     centers: Float[np.ndarray, "frames 3"],
     tolerance: float,
+    seen: Bool[np.ndarray, "frames points"] | None = None,
 ) -> Bool[np.ndarray, "frames points"]:
     """Whether nothing of the model hides a corner from a camera centre: a face at the corner faces the camera, and no face crosses
     the line of sight nearer than the corner by more than `tolerance` (world units).
 
     Points on no known face count as facing the camera.
+
+    seen: where a person saw the corner. A face that would hide it there is beside its place by what it is too near, or the corner is; so in
+    all frames that face hides it only where it is nearer than twice that.
     """
     polygons = polygons_of(sketch, points, normals, offsets)
     row = {point.id: i for i, point in enumerate(sketch.points)}
@@ -60,12 +64,34 @@ def corner_visibility(
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = -side[:, f][:, None] / along
         crosses = (reach > 1e-9) & (reach * length < length - tolerance)
+        if seen is not None:
+            crosses &= ~_believed_too_near(polygons, f, centers, ray, length, reach, crosses, seen[:, others])
         hit = centers[:, None] + np.where(crosses, reach, 0.0)[..., None] * ray
         k, i = np.nonzero(crosses)
         if len(k):
             covered = inside_polygon(polygons, f, hit[k, i])
             visible[k[covered], others[i[covered]]] = False
     return visible
+
+
+def _believed_too_near(
+    polygons: PlanarPolygons,
+    face: int,
+    centers: Float[np.ndarray, "frames 3"],
+    ray: Float[np.ndarray, "frames others 3"],
+    length: Float[np.ndarray, "frames others"],
+    reach: Float[np.ndarray, "frames others"],
+    crosses: Bool[np.ndarray, "frames others"],
+    seen: Bool[np.ndarray, "frames others"],
+) -> Bool[np.ndarray, "frames others"]:
+    """Where a face is nearer than a corner by less than twice what it would be where the corner was seen through it."""
+    k, i = np.nonzero(crosses & seen)
+    gap = np.zeros(length.shape[1])
+    if len(k):
+        hit = centers[k] + reach[k, i][:, None] * ray[k, i]
+        wrong = inside_polygon(polygons, face, hit)
+        np.maximum.at(gap, i[wrong], (length * (1.0 - reach))[k[wrong], i[wrong]])
+    return crosses & (np.where(crosses, length * (1.0 - reach), 0.0) < 2.0 * gap)
 
 
 def inside_polygon(polygons: PlanarPolygons, face: int, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:

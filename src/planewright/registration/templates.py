@@ -1,0 +1,155 @@
+"""What a face looks like in one frame: chosen pixels on a few pyramid levels, ready to be found again in another frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from planewright.arrays import Bool, Float, GrayImage, Int, Mat3
+from planewright.registration.homography import apply_homography, point_jacobian
+
+Level = Float[np.ndarray, "rows columns"]
+"""A grey image, smoothed. Level l + 1 has half the size of level l."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemplateOptions:
+    """How pixels are chosen."""
+
+    levels: int = 4
+    """Of the pyramid; the coarsest reaches about 30 pixels of motion."""
+    smoothing: float = 1.0
+    """Of the image, pixels; it takes out the pull of interpolation towards whole pixels, and most of the noise."""
+    level_smoothing: float = 0.7
+    """Of each coarser level, its own pixels."""
+    erosion: float = 2.0
+    """Pixels left free along the face's border, where the other side shines in."""
+    max_pixels: tuple[int, ...] = (1400, 700, 350, 200)
+    """At each level, the finest first."""
+    min_pixels: int = 60
+    """A level on which the face has fewer is not used."""
+    cells: int = 8
+    """The pixels are spread over this many by this many cells of the face's square; the steepest of each are taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class TemplateLevel:
+    """Pixels of one pyramid level."""
+
+    q: Float[np.ndarray, "pixels 2"]
+    """Face coordinates."""
+    values: Float[np.ndarray, "pixels"]
+    """Grey values."""
+    steepest: Float[np.ndarray, "pixels 8"]
+    """Derivative by the change of the homography (homography.py)."""
+    share: float
+    """Of the face's pixels that were chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """A face in one frame."""
+
+    frame: int
+    h: Mat3
+    """Face coordinates -> pixels of that frame."""
+    covariance: Float[np.ndarray, "8 8"]
+    """Of `h`; zero in the frame in which the face was drawn."""
+    levels: tuple[TemplateLevel | None, ...]
+    """The finest first; None where the face is too small."""
+
+
+def pyramid(gray: GrayImage, options: TemplateOptions) -> list[Level]:
+    """Smoothed levels, the finest first."""
+    levels = [np.asarray(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), options.smoothing))]
+    while len(levels) < options.levels and min(levels[-1].shape) >= 32:
+        rows, columns = levels[-1].shape[0] // 2, levels[-1].shape[1] // 2
+        # Halving by areas keeps "x + 0.5" proportional between the levels.
+        half = cv2.resize(levels[-1][: 2 * rows, : 2 * columns], (columns, rows), interpolation=cv2.INTER_AREA)
+        levels.append(np.asarray(cv2.GaussianBlur(half, (0, 0), options.level_smoothing)))
+    return levels
+
+
+def to_level(level: int) -> Mat3:
+    """Pixels of the frame -> pixels of a pyramid level; both have centres at integers."""
+    s = 0.5**level
+    return np.array([[s, 0.0, 0.5 * s - 0.5], [0.0, s, 0.5 * s - 0.5], [0.0, 0.0, 1.0]])
+
+
+def face_mask(
+    shape: tuple[int, int],
+    loop: Float[np.ndarray, "corners 2"],
+    holes: Sequence[Float[np.ndarray, "_corners 2"]],
+    others: Sequence[Float[np.ndarray, "_corners 2"]],
+    erosion: float,
+) -> Bool[np.ndarray, "height width"]:
+    """Pixels inside the loop, away from its border, and outside holes and other polygons (pixels with centres at integers)."""
+    mask = _filled(shape, [loop])
+    size = 2 * round(erosion) + 1
+    if erosion > 0:
+        mask = np.asarray(cv2.erode(mask, np.ones((size, size), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=1))
+    mask &= 1 - _filled(shape, holes)
+    if others:
+        mask &= 1 - np.asarray(cv2.dilate(_filled(shape, others), np.ones((size, size), np.uint8)))
+    return mask.astype(bool)
+
+
+def _filled(shape: tuple[int, int], polygons: Sequence[Float[np.ndarray, "_corners 2"]]) -> np.ndarray:
+    mask = np.zeros(shape, np.uint8)
+    for polygon in polygons:
+        # 4 binary digits of a pixel
+        cv2.fillPoly(mask, [np.round(np.clip(polygon, -3e4, 3e4) * 16).astype(np.int32)[:, None]], 1, shift=4)
+    return mask
+
+
+def make_template(
+    levels: Sequence[Level], mask: Bool[np.ndarray, "height width"], frame: int, h: Mat3, covariance: Float[np.ndarray, "8 8"], options: TemplateOptions
+) -> Template | None:
+    """The template of the masked pixels, or None where even the finest level has too few."""
+    made: list[TemplateLevel | None] = []
+    share = mask.astype(np.float32)
+    for k, image in enumerate(levels):
+        if k:
+            share = cv2.resize(share[: 2 * image.shape[0], : 2 * image.shape[1]], (image.shape[1], image.shape[0]), interpolation=cv2.INTER_AREA)
+        made.append(_level(image, np.asarray(share) > 0.75, to_level(k) @ h, options.max_pixels[min(k, len(options.max_pixels) - 1)], options))
+    return None if made[0] is None else Template(frame, h, covariance, tuple(made))
+
+
+def _level(image: Level, mask: Bool[np.ndarray, "height width"], h: Mat3, most: int, options: TemplateOptions) -> TemplateLevel | None:
+    ys, xs = np.nonzero(mask)
+    free = (xs > 0) & (ys > 0) & (xs < image.shape[1] - 1) & (ys < image.shape[0] - 1)
+    ys, xs = ys[free], xs[free]
+    if len(xs) < options.min_pixels:
+        return None
+    q = apply_homography(np.linalg.inv(h), np.column_stack([xs, ys]).astype(np.float64))
+    gx = (image[ys, xs + 1] - image[ys, xs - 1]) / 2
+    gy = (image[ys + 1, xs] - image[ys - 1, xs]) / 2
+    keep = _spread(cell_of(q, options.cells), np.hypot(gx, gy), most)
+    share = len(keep) / len(xs)
+    xs, ys, q, gx, gy = xs[keep], ys[keep], q[keep], gx[keep], gy[keep]
+    g = np.einsum("ni,nij->nj", np.column_stack([gx, gy]), point_jacobian(h, q))
+    x, y = q.T
+    slope = g[:, 0] * x + g[:, 1] * y
+    steepest = np.column_stack([g[:, 0] * x, g[:, 0] * y, g[:, 0], g[:, 1] * x, g[:, 1] * y, g[:, 1], -slope * x, -slope * y])
+    return TemplateLevel(np.ascontiguousarray(q), image[ys, xs], np.ascontiguousarray(steepest, dtype=np.float32), share)
+
+
+def cell_of(q: Float[np.ndarray, "n 2"], cells: int) -> Int[np.ndarray, "n"]:
+    """Which cell of the square from -1 to 1 each point lies in; points outside belong to the nearest."""
+    column, row = np.clip(((q + 1.0) * 0.5 * cells).astype(np.int64), 0, cells - 1).T
+    return row * cells + column
+
+
+def _spread(cell: Int[np.ndarray, "n"], strength: Float[np.ndarray, "n"], most: int) -> Int[np.ndarray, "kept"]:
+    """At most `most` rows, the strongest of every cell, as evenly as the cells allow."""
+    if len(cell) <= most:
+        return np.arange(len(cell))
+    order = np.lexsort((-strength, cell))
+    count = np.bincount(cell)
+    rank = np.empty(len(cell), np.int64)
+    rank[order] = np.arange(len(cell)) - np.repeat(np.cumsum(count) - count, count)
+    # The largest quota a cell that does not take more than `most` in all.
+    used = np.sort(count[count > 0])
+    quota = next(t for t in range(int(used[-1]), -1, -1) if np.minimum(used, t).sum() <= most)
+    return np.sort(np.nonzero(rank < quota)[0])
