@@ -167,13 +167,19 @@ def test_edges_go_round_each_loop_once_open_faces_do_not_close_and_only_drawn_on
 def test_corners_lie_on_their_lines_and_an_edge_of_two_faces_counts_once() -> None:
     points = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0]])
     up, side = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
-    one = EdgeLine((0, 1), 0, up, (0.1, -0.2), (0.01, 0.02), 0.01, 3.0, False, None)
-    lines = [one, replace(one, face=1), EdgeLine((1, 2), 0, side, (0.0, 0.3), (0.01, 0.01), 0.01, 3.0, False, None)]
+    one = EdgeLine((0, 1), 0, up, up, (0.1, -0.2), (0.01, 0.02), 0.01, 3.0, False, None)
+    lines = [one, replace(one, face=1), EdgeLine((1, 2), 0, side, side, (0.0, 0.3), (0.01, 0.01), 0.01, 3.0, False, None)]
     found = corner_lines(lines, points)
     assert_array_equal(found.corner, [0, 1, 0, 1, 1, 2])
     assert_allclose(found.offset, [0.1, -0.2, 0.1, -0.2, 2.0, 2.3])
     assert_allclose(found.sigma, np.array([0.01, 0.02, 0.01, 0.02, 0.01, 0.01]) * np.sqrt([2, 2, 2, 2, 1, 1]))
     assert_allclose(found.direction[:2], [up, up])
+    # seen at a slant, a line says the same about corners in its plane, and says it along the line of sight
+    slanted = replace(one, facing=np.array([0.0, 0.6, 0.8]))
+    along = corner_lines([slanted], points)
+    assert_allclose(along.direction, [slanted.facing] * 2)
+    assert_allclose(along.offset, [0.06, -0.12])
+    assert_allclose(along.sigma, [0.006, 0.012])
     empty = corner_lines([], points)
     assert empty.direction.shape == (0, 3)
 

@@ -31,7 +31,8 @@ class EdgeOptions:
     log-likelihood of where it is: a line half as steep wins when it is nearer by 0.7 units."""
     near_best: float = 0.5
     missing_weight: float = 0.5
-    outstanding: float = 6.0
+    band: float = 0.25
+    outstanding: float = 5.0
     outstanding_weight: float = 1.0
     region_weight: float = 4.0
     """What parting the face's texture from what is beside it weighs, from 0 (parts nothing) to 1 (all texture on one side)."""
@@ -295,8 +296,9 @@ def _best_line(
     weight = options.region_weight * (1.0 - float(np.exp(-((max(priors) / options.region_sigma) ** 2))))
     parts = np.empty((size, size))
     line_scores(region, enough, 2 * reach, parts)
-    usual = float(np.median(scores))
-    clutter = max(1.4826 * float(np.median(np.abs(scores - usual))), 0.02 * float(scores.max()), 0.1)
+    near = np.abs(np.arange(size)[:, None] - np.arange(size)) <= options.band * reach
+    low, usual, high = np.percentile(scores[near], [25.0, 50.0, 75.0])
+    clutter = max(float(high - low) / 1.35 , 0.02 * float(scores.max()), 0.1)
     stands_out = 0.5 * np.clip((scores - usual) / clutter, 0.0, options.outstanding) ** 2
     most = float(stands_out[peak].max())
     stands_out -= most
