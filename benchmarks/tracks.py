@@ -166,7 +166,7 @@ def main() -> None:
         summary = {k: results[workload.name].get("ours", {}).get(k) for k in ("rmse_px", "median_px", "within_2px_pct", "good_corners_pct", "corrections")}
         print(workload.name, results[workload.name]["status"], json.dumps(summary), results[workload.name]["said"] or "", flush=True)
         (args.output / "tracks.json").write_text(json.dumps({"clips": results}, indent=1) + "\n", encoding="utf-8")
-    totals = {group: pooled(results, known, args.output, group) for group in GROUPS if any(r["group"] == group for r in results.values())}
+    totals = {group: pooled(results, known, args.output, group) for group in dict.fromkeys(r["group"] for r in results.values())}
     content = {"clips": results, "totals": totals}
     (args.output / "tracks.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     page, kept = tracks_report(content, " ".join(["python -m benchmarks.tracks", *sys.argv[1:]]))

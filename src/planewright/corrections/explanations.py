@@ -12,7 +12,7 @@ import numpy as np
 
 from planewright.arrays import Bool, Float, Int
 from planewright.planes.basis import Basis
-from planewright.planes.evidence import CornerLines, CornerMarks, Evidence, PlanePoints
+from planewright.planes.evidence import CornerLines, CornerMarks, CornerPriors, Evidence, PlanePoints
 from planewright.planes.held import Held
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.planar_start import PlanarStart
@@ -32,8 +32,8 @@ class ExplainOptions:
     """A click far off its corner: one in fifty."""
     price_of_plane: float = 8.0
     """A face that was measured on what stands in front of it: one in fifty."""
-    structure: StructureOptions = field(default_factory=StructureOptions)
-    """The adjustment."""
+    structure: StructureOptions = field(default_factory=lambda: StructureOptions(step_tolerance=1e-5, max_iterations=25))
+    """The adjustment. A step of 1e-5 of the scene's diagonal is a hundredth of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,34 +83,96 @@ def explain(
     """
     start = start_from(scene)
     nearby = reach(scene, basis, relations, corner)
-    alone = Held(points=scene.point_known & (np.arange(len(scene.points)) != corner), faces=scene.face_known)
+    alone = slide(scene, corner)
     edges = tuple(sorted({line.edge for line in lines if corner in line.edge}))
     faces = [int(f) for f in np.unique(basis.incidences[basis.incidences[:, 1] == corner, 0]) if f in basis.evidence.plane_points.face]
     given = with_marks(basis, mark)
+    clicked = bool((~_firm(given.evidence.marks) & (given.evidence.marks.corner == corner)).any())
+    row = scene.point_row()
+    drawn = {(f, row[c]) for f, face in enumerate(scene.sketch.faces) for c in face.corners}
+    drawn_on = np.array([(f, c) in drawn for f, c in basis.incidences.tolist()], dtype=bool)
     found: list[Explanation] = []
 
-    def solve(held: Held, left: tuple[tuple[int, int], ...], planes: tuple[int, ...], click: bool) -> None:
-        stands = _without(given, lines, left, planes, corner if click else None)
-        own_clicks = click and len(stands.evidence.marks.corner) < len(given.evidence.marks.corner)
-        if click and not own_clicks:
-            return
+    def solve(held: Held, left: tuple[tuple[int, int], ...], planes: tuple[int, ...] = (), click: bool = False) -> None:
+        stands = _without(given, drawn_on, lines, left, planes, corner if click else None)
+        begin = _shifted(start, stands, corner, planes) if planes else start
         solution = solve_structure(
-            start, stands.incidences, stands.evidence, stands.constraints, options.structure, scale=EvidenceScale(*stands.scale), held=held
+            begin, stands.incidences, stands.evidence, stands.constraints, options.structure, scale=EvidenceScale(*stands.scale), held=held
         )
-        if not solution.feasible:
-            return
-        price = 2.0 * solution.cost + options.price_of_edge * len(left) + options.price_of_plane * len(planes) + options.price_of_click * click
-        found.append(Explanation(solution, stands, held, price, held is alone, left, planes, click))
+        if solution.feasible:
+            price = 2.0 * solution.cost + options.price_of_edge * len(left) + options.price_of_plane * len(planes) + options.price_of_click * click
+            found.append(Explanation(solution, stands, held, price, held is alone, left, planes, click))
 
-    solve(nearby, (), (), False)
-    solve(nearby, edges, (), False)
-    solve(alone, edges, (), False)
-    solve(alone, edges, (), True)
+    solve(nearby, ())
+    if edges:
+        solve(nearby, edges)
+    solve(alone, edges)
+    if clicked:
+        solve(alone, edges, click=True)
     for face in faces:
-        solve(nearby, edges, (face,), False)
+        solve(nearby, edges, (face,))
     if len(faces) > 1:
-        solve(nearby, edges, tuple(faces), False)
+        solve(nearby, edges, tuple(faces))
     return sorted(found, key=lambda explanation: explanation.price)
+
+
+def slide(scene: PlanarScene, corner: int) -> Held:
+    """All but one corner stays, which leaves it to slide in its faces."""
+    return Held(scene.point_known & (np.arange(len(scene.points)) != corner), scene.face_known)
+
+
+def _shifted(start: PlanarStart, basis: Basis, corner: int, planes: Sequence[int]) -> PlanarStart:
+    """A start for faces that were measured on something else: moved along their normals to where the corner's own marks meet, their corners with them
+    along the rays of their marks.
+
+    From the old planes the solver finds its way back to them: a mark of the old kind that is 60 px off hardly pulls any more (Cauchy).
+    """
+    marks, points, offsets = basis.evidence.marks, start.points.copy(), start.offsets.copy()
+    met = _meeting(marks, np.flatnonzero(marks.corner == corner))
+    if met is None:
+        return start
+    points[corner] = met
+    for face in planes:
+        normal = start.normals[face]
+        offsets[face] = normal @ met
+        for other in np.unique(basis.incidences[basis.incidences[:, 0] == face, 1]).tolist():
+            mine = np.flatnonzero(marks.corner == other)
+            if other != corner and len(mine):
+                projection = marks.projection[mine[0]]
+                center, ray = _ray(projection, marks.xy[mine[0]])
+                along = float(normal @ ray)
+                reach_of_ray = (offsets[face] - float(normal @ center)) / along if abs(along) > 1e-9 else -1.0
+                if reach_of_ray > 0:
+                    points[other] = center + reach_of_ray * ray
+    return replace(start, points=points, offsets=offsets)
+
+
+def _ray(projection: Float[np.ndarray, "3 4"], xy: Float[np.ndarray, "2"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Centre of a camera and the direction of a pixel, forwards."""
+    inverse = np.linalg.inv(projection[:, :3])
+    ray = inverse @ np.append(xy, 1.0)
+    ray *= np.sign(projection[2, :3] @ ray) / np.linalg.norm(ray)
+    return -inverse @ projection[:, 3], ray
+
+
+def _meeting(marks: CornerMarks, rows: Int[np.ndarray, "rows"]) -> Float[np.ndarray, "3"] | None:
+    """Where the rays of two or more marks meet, in pixels' least squares; None where they are nearly parallel or meet behind a camera."""
+    if len(rows) < 2:
+        return None
+    depth = np.ones(len(rows))
+    point = np.zeros(3)
+    rays = np.array([_ray(marks.projection[row], marks.xy[row])[1] for row in rows])
+    if float((rays @ rays.T).min()) > np.cos(np.radians(1.0)):
+        return None
+    for _ in range(3):
+        p, xy = marks.projection[rows], marks.xy[rows]
+        weight = 1.0 / (depth * marks.sigma[rows])
+        system = ((xy[:, :, None] * p[:, 2:] - p[:, :2]) * weight[:, None, None]).reshape(-1, 4)
+        point = np.linalg.lstsq(system[:, :3], -system[:, 3], rcond=None)[0]
+        depth = p[:, 2, :3] @ point + p[:, 2, 3]
+        if (depth <= 0).any():
+            return None
+    return point
 
 
 def with_marks(basis: Basis, marks: CornerMarks) -> Basis:
@@ -168,13 +230,27 @@ def without_edges(basis: Basis, lines: Sequence[EdgeLine], edges: Sequence[tuple
     return replace(basis, evidence=replace(basis.evidence, lines=kept))
 
 
-def _without(basis: Basis, lines: Sequence[EdgeLine], edges: Sequence[tuple[int, int]], planes: Sequence[int], click_of: int | None) -> Basis:
-    """The basis without what an explanation calls wrong. A wrong plane takes the lines with it that were looked for in it."""
+def _without(
+    basis: Basis,
+    drawn_on: Bool[np.ndarray, "incidences"],
+    lines: Sequence[EdgeLine],
+    edges: Sequence[tuple[int, int]],
+    planes: Sequence[int],
+    click_of: int | None,
+) -> Basis:
+    """The basis without what an explanation calls wrong.
+
+    A wrong plane takes with it what rests on it: the lines that were looked for in it, the corners that were only found to lie on it, and the guesses
+    at its corners from its shape.
+    """
     evidence = without_edges(basis, lines, edges).evidence
     points, marks, drawn = evidence.plane_points, evidence.marks, evidence.lines
     keep = ~np.isin(points.face, planes)
     in_planes = [line for line in lines if line.face in planes]
     stay = ~rows_of_edges(drawn, in_planes, [line.edge for line in in_planes])
+    priors = evidence.priors
+    resting = np.unique(basis.incidences[np.isin(basis.incidences[:, 0], planes) & drawn_on, 1])
+    free = ~np.isin(priors.corner, resting)
     own = _firm(marks) | (marks.corner != (-1 if click_of is None else click_of))
     return replace(
         basis,
@@ -182,8 +258,9 @@ def _without(basis: Basis, lines: Sequence[EdgeLine], edges: Sequence[tuple[int,
             plane_points=PlanePoints(points.face[keep], points.point[keep], points.sigma[keep]),
             marks=CornerMarks(marks.corner[own], marks.projection[own], marks.xy[own], marks.sigma[own], _firm(marks)[own]),
             lines=CornerLines(drawn.corner[stay], drawn.direction[stay], drawn.offset[stay], drawn.sigma[stay]),
-            priors=evidence.priors,
+            priors=CornerPriors(priors.corner[free], priors.mean[free], priors.whitening[free]),
         ),
+        incidences=basis.incidences[drawn_on | ~np.isin(basis.incidences[:, 0], planes)],
     )
 
 

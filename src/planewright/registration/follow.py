@@ -90,6 +90,7 @@ def follow_faces(frames: Frames, sketch: Sketch, options: RegistrationOptions = 
     follower = _Follower(frames, numbers, strands, options)
     if strands:
         follower.sweep(progress)
+        follower.drop_refuted()
     return follower.registered()
 
 
@@ -110,6 +111,7 @@ class _Follower:
         self.points: list[Float[np.ndarray, "points 2"]] = [np.zeros((0, 2)) for _ in strands]
         self.seed_lines: list[Float[np.ndarray, "edges 4"]] = [np.zeros((0, 4)) for _ in strands]
         self.missed = np.zeros(s, np.int64)
+        self.refuted = np.zeros(s, np.int64)
 
     def registered(self) -> Registered:
         return Registered(
@@ -133,6 +135,14 @@ class _Follower:
                     before = (k, gray)
                     done += 1
         progress("Registering faces", len(order), len(order))
+
+    def drop_refuted(self) -> None:
+        """Strands that were contradicted more often than found show something else than their face: only the frame of their marks is left."""
+        for s in np.nonzero(self.refuted > np.maximum(self.found.sum(axis=1), 4))[0]:
+            others = np.array(self.numbers) != self.strands[s].frame
+            self.found[s, others] = False
+            self.h[s, others] = np.nan
+            self.correlation[s, others], self.support[s, others], self.lines[s, others] = 0.0, np.nan, np.nan
 
     def _read(self, span: range, chunk: int = 24) -> Iterator[tuple[int, GrayImage]]:
         """Frames in the order of the span, a chunk in memory at a time when it goes backwards."""
@@ -296,6 +306,7 @@ class _Follower:
                 away = mine - theirs
                 if (np.einsum("ci,cij,cj->c", away, np.linalg.inv(spread), away) > 13.8).any():
                     self.found[s, k] = False
+                    self.refuted[s] += 1
                     self.correlation[s, k] = 0.0
                     self.support[s, k] = np.nan
                     self.lines[s, k] = np.nan

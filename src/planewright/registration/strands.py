@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from planewright.arrays import Float, Int, Mat3
@@ -31,8 +32,11 @@ class Strand:
     """Polygons in face coordinates that lie on it or before it in that frame: its holes, and smaller faces drawn over it."""
 
 
-def find_strands(sketch: Sketch, frames: Sequence[int], *, max_per_face: int = 3) -> tuple[Strand, ...]:
-    """Every face from each frame in which three of its loop's corners are marked, the frames with most corners first (at most `max_per_face`)."""
+def find_strands(sketch: Sketch, frames: Sequence[int], *, max_per_face: int = 3, least_free: float = 0.5) -> tuple[Strand, ...]:
+    """Every face from each frame in which three of its loop's corners are marked, the frames with most corners first (at most `max_per_face`).
+
+    Where one of its corners is not marked, and faces beside it leave less than `least_free` of its outline free, the face is taken to be hidden there.
+    """
     row = {point.id: i for i, point in enumerate(sketch.points)}
     marks = [point.marks for point in sketch.points]
     taking_part = set(frames)
@@ -56,7 +60,18 @@ def find_strands(sketch: Sketch, frames: Sequence[int], *, max_per_face: int = 3
             rings = [(loops[f], face.open), *((hole, False) for hole in holes)]
             edges = [(place[a], place[b]) for ring, is_open in rings for a, b in _pairs(ring, is_open) if a in place and b in place]
             covers = [np.array([marks[i][k] for i in hole]) - 0.5 for hole in holes if all(k in marks[i] for i in hole)]
-            covers += [np.array([marks[i][k] for i in other]) - 0.5 for g, other in enumerate(loops) if g != f and _before(loops[f], other, marks, k)]
+            whole = [np.array([marks[i][k] for i in other]) - 0.5 for g, other in enumerate(loops) if g != f and _before(loops[f], other, marks, k)]
+            beside = []
+            if len(loop) < len(loops[f]):
+                # A corner that cannot be seen there often means that the face is turned away: then what is seen inside its outline are its neighbours.
+                beside = [
+                    np.array([marks[i][k] for i in other]) - 0.5
+                    for g, other in enumerate(loops)
+                    if g != f and set(other) & set(loops[f]) and all(k in marks[i] for i in other)
+                ]
+                if _free_share(outline, beside) < least_free:
+                    continue
+            covers += [*whole, *beside]
             found.append(
                 Strand(
                     face=f,
@@ -80,6 +95,19 @@ def _pairs(ring: list[int], is_open: bool) -> list[tuple[int, int]]:
 def _area(polygon: Float[np.ndarray, "corners 2"]) -> float:
     x, y = polygon.T
     return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def _free_share(outline: Float[np.ndarray, "corners 2"], covers: Sequence[Float[np.ndarray, "_corners 2"]], side: int = 48) -> float:
+    """Share of an outline that no other polygon covers."""
+    low, span = outline.min(axis=0), float(np.ptp(outline, axis=0).max())
+    masks: list[Int[np.ndarray, "side side"]] = []
+    for polygons in ([outline], covers):
+        mask = np.zeros((side, side), np.uint8)
+        for polygon in polygons:
+            cv2.fillPoly(mask, [np.round(np.clip((polygon - low) / span, -50, 50) * (side - 1) * 16).astype(np.int32)[:, None]], 1, shift=4)
+        masks.append(mask)
+    mine, theirs = masks
+    return float((mine & (1 - theirs)).sum() / max(int(mine.sum()), 1))
 
 
 def _before(loop: list[int], other: list[int], marks: Sequence[Mapping[int, tuple[float, float]]], frame: int) -> bool:

@@ -5,18 +5,22 @@ single frame adds is how it differs from the others: an error of its camera, a r
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from planewright.arrays import Bool, Float, Int
-from planewright.geometry.raster import face_buffer
+from planewright.geometry.plane import tangent_basis
+from planewright.geometry.raster import FaceBuffer, face_buffer
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.polygons import polygons_of
 from planewright.progress import Progress, silent, steps
 from planewright.sfm.cameras import Cameras
+from planewright.tracking.appearance import AppearanceOptions, uncovered
 from planewright.tracking.frame_lines import FrameLineOptions, frame_lines, measure_frame, view_edges
-from planewright.tracking.fusion import FrameLines, FusionOptions, fuse_frames, refit_corners, without_usual_offset
+from planewright.tracking.fusion import FrameLines, FusionOptions, MarkOffsets, fuse_frames, refit_corners, without_usual_offset
+from planewright.tracking.patches import Patches, PatchOptions, lay_patches, sample_frame
 from planewright.tracking.tracks import State, Tracks
 from planewright.tracking.visibility import corner_visibility
 from planewright.video.frames import Frames
@@ -30,6 +34,10 @@ class CornerOptions:
     """How lines are looked for in a frame."""
     fusion: FusionOptions = field(default_factory=FusionOptions)
     """How lines move corners."""
+    patches: PatchOptions = field(default_factory=PatchOptions)
+    """Where faces are looked at near their corners."""
+    appearance: AppearanceOptions = field(default_factory=AppearanceOptions)
+    """How it is told that something unsketched covers a corner."""
     common_sigma: float = 0.3
     """Error that cameras and edges have in common over frames, pixels: not in the model's covariance, always in the sigmas."""
     occluder_tolerance: float = 0.004
@@ -46,27 +54,52 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
     rows = np.nonzero(cameras.posed)[0]
     width, height = frames.image_size
     predicted, depth, jacobian = _project(scene.points, cameras, rows)
-    centers = cameras.centers[rows]
     tolerance = options.occluder_tolerance * (float(np.linalg.norm(np.ptp(scene.points[scene.point_known], axis=0))) if scene.point_known.any() else 1.0)
     normals = np.where(scene.face_known[:, None], scene.normals, np.nan)
     offsets = np.where(scene.face_known, scene.offsets, np.nan)
     points = np.where(scene.point_known[:, None], scene.points, np.nan)
-    unhidden = corner_visibility(scene.sketch, points, normals, offsets, centers, tolerance, _marked_rows(scene, cameras, rows))
+    marked = _marked_rows(scene, cameras, rows)
+    unhidden = corner_visibility(scene.sketch, points, normals, offsets, cameras.centers[rows], tolerance, marked)
     inside = (predicted >= 0).all(axis=2) & (predicted[..., 0] < width) & (predicted[..., 1] < height) & (depth > 0)
-    visible = unhidden & inside
-    view = view_edges(scene, scene.points, cameras, rows, tolerance, options.lines)
-    polygons = polygons_of(scene.sketch, points, normals, offsets)
+    possible = unhidden & inside
     wanted: Sequence[int] = [int(n) for n in cameras.frame[rows]]
+    polygons = polygons_of(scene.sketch, points, normals, offsets)
+
+    def buffer(k: int) -> FaceBuffer:
+        return face_buffer(polygons, cameras.intrinsics, cameras.cam_from_world(int(rows[k])), scale=0.5)
+
+    # The first look says where the corners are over the whole clip; the second one, there, what each frame shows.
+    marks = _mark_offsets(scene, cameras, rows, predicted)
+    shift, _ = refit_corners(None, marks, jacobian, scene.point_covariance, options.fusion)
+    view = view_edges(scene, scene.points + shift, cameras, rows, tolerance, options.lines)
+    looked = steps(frames.gray(wanted), "Looking for edges", progress, total=len(wanted))
+    lines = frame_lines(view, (measure_frame(image, view, k, buffer(k), options.lines) for k, (_, image) in enumerate(looked)))
+    base, _, _ = _project(scene.points + shift, cameras, rows)
+    lines = replace(lines, offset=_beside(lines, predicted - base))
+    shift, _ = refit_corners(lines, marks, jacobian, scene.point_covariance, options.fusion)
+
+    beside = scene.points + shift
+    view = view_edges(scene, beside, cameras, rows, tolerance, options.lines)
+    patches = lay_patches(scene, beside, polygons, cameras, rows, possible, options.patches)
+    facing = np.asarray(cameras.centers[rows] @ scene.normals[patches.face].T > scene.offsets[patches.face])
+    usable: Bool[np.ndarray, "rows patches"] = np.logical_and(possible[:, patches.corner], facing)
     measured: list[Float[np.ndarray, "edges 6"]] = []
-    for k, (_, image) in enumerate(steps(frames.gray(wanted), "Following corners", progress, total=len(wanted))):
-        buffer = face_buffer(polygons, cameras.intrinsics, cameras.cam_from_world(int(rows[k])), scale=0.5)
-        measured.append(measure_frame(image, view, k, buffer, options.lines))
-    lines = frame_lines(view, measured)
-    shift, point_covariance = refit_corners(lines, jacobian, scene.point_covariance, options.fusion)
+    values = np.empty((len(rows), len(patches.points), 3), np.float32)
+    distance = np.empty((len(rows), len(patches.points)), np.float32)
+    for k, (_, image) in enumerate(steps(frames.color(wanted), "Following corners", progress, total=len(wanted))):
+        shown = buffer(k)
+        measured.append(measure_frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8), view, k, shown, options.lines))
+        values[k], distance[k] = sample_frame(image, patches, cameras, int(rows[k]), usable[k], shown, tolerance)
+    scale = _smallest_scale(scene, patches, jacobian)
+    clear = uncovered(values, distance, patches.radius, patches.start, patches.corner, scale, possible, marked, options.appearance) >= 0.5
+    lines = _uncovered_lines(frame_lines(view, measured), clear)
+    base, _, _ = _project(beside, cameras, rows)
+    lines = replace(lines, offset=_beside(lines, predicted - base))
+    shift, point_covariance = refit_corners(lines, marks, jacobian, scene.point_covariance, options.fusion)
     base, _, _ = _project(scene.points + shift, cameras, rows)
     moved, spread = fuse_frames(lines, base, without_usual_offset(lines, _beside(lines, base - predicted)), (width, height), options.fusion)
     covariance = np.einsum("kpij,pjl,kpml->kpim", jacobian, point_covariance, jacobian) + spread + options.common_sigma**2 * np.eye(2)
-    return _table(scene, cameras, rows, moved, covariance, visible, depth, (width, height), options)
+    return _table(scene, cameras, rows, moved, covariance, possible & clear, depth, (width, height), options)
 
 
 def _project(
@@ -90,6 +123,32 @@ def _marked_rows(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "ro
     for i, point in enumerate(scene.sketch.points):
         marked[[frame_row[frame] for frame in point.marks if frame in frame_row], i] = True
     return marked
+
+
+def _smallest_scale(scene: PlanarScene, patches: Patches, jacobian: Float[np.ndarray, "rows points 2 3"]) -> Float[np.ndarray, "rows patches"]:
+    """Pixels per world unit of each patch's face at its corner, in the direction in which the frame shows it smallest."""
+    basis = tangent_basis(scene.normals[patches.face])
+    in_plane = np.einsum("kpij,plj->kpil", jacobian[:, patches.corner], basis)
+    return np.linalg.svd(in_plane, compute_uv=False)[..., 1]
+
+
+def _uncovered_lines(lines: FrameLines, clear: Bool[np.ndarray, "rows points"]) -> FrameLines:
+    """Without the lines of edges that are covered at both ends: what is there is the outline of something else."""
+    open_to_view = (clear[:, lines.edges] & lines.at_corner).any(axis=2) | ~lines.at_corner.all(axis=2)
+    return replace(lines, information=np.where(open_to_view[..., None, None], lines.information, 0.0))
+
+
+def _mark_offsets(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "rows"], predicted: Float[np.ndarray, "rows points 2"]) -> MarkOffsets:
+    frame_row = {int(n): k for k, n in enumerate(cameras.frame[rows])}
+    found = [
+        (i, frame_row[frame], np.array(xy) - predicted[frame_row[frame], i])
+        for i, point in enumerate(scene.sketch.points)
+        for frame, xy in sorted(point.marks.items())
+        if scene.point_known[i] and frame in frame_row
+    ]
+    return MarkOffsets(
+        np.array([i for i, _, _ in found], np.int64), np.array([k for _, k, _ in found], np.int64), np.array([d for _, _, d in found], float).reshape(-1, 2)
+    )
 
 
 def _beside(lines: FrameLines, moved: Float[np.ndarray, "rows points 2"]) -> Float[np.ndarray, "rows edges 2"]:

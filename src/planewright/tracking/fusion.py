@@ -20,6 +20,11 @@ class FusionOptions:
     """Standard deviation of a line at the end of an edge that is seen whole, in one frame, pixels."""
     edge_sigma: float = 0.4
     """Error that an edge's line has in common in all frames (shading, a rounded edge, a line beside it), pixels: more frames do not make it smaller."""
+    mark_sigma: float = 1.2
+    """Standard deviation of a mark on each axis, pixels."""
+    mark_gate: float = 4.0
+    """Mean square of a corner's distances from its marks, over their variance, above which the model is not believed there. Below, the marks have had
+    their say in the model, and would draw a corner that is seen well from near to a click that was made from afar."""
     model_inflation: float = 2.0
     """What the model's standard deviations are multiplied by before the lines of the clip move a corner: with 1 the walk through a hall keeps a
     root mean square of 1.3 pixels, with 2 of 0.9, and clips with good models do not change."""
@@ -61,46 +66,66 @@ class FrameLines:
         return np.where(self.found, det / np.maximum(safe, 1e-12), 0.0).transpose(1, 2, 0)
 
 
+@dataclass(frozen=True, eq=False)
+class MarkOffsets:
+    """How far the person's marks are from where the model shows the corners."""
+
+    point: Int[np.ndarray, "marks"]
+    row: Int[np.ndarray, "marks"]
+    """Of the frame."""
+    offset: Float[np.ndarray, "marks 2"]
+    """Pixels, from the model to the mark."""
+
+
 def refit_corners(
-    lines: FrameLines,
+    lines: FrameLines | None,
+    marks: MarkOffsets,
     jacobian: Float[np.ndarray, "rows points 2 3"],
     point_covariance: Float[np.ndarray, "points 3 3"],
     options: FusionOptions,
 ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3 3"]]:
-    """Displacement of each corner in space by the lines of the clip, and its covariance; zero and the model's own where no line ends.
+    """Displacement of each corner in space by its marks and the lines of the clip, and its covariance; zero and the model's own where there are none.
 
     Each corner by itself: minimizes the model's prior plus, for each edge at it, the mean over the frames of the squared distance to that
-    frame's line, over the edge's common error. Cauchy weights about that error, so that a line that is another one has little say.
+    frame's line, over the edge's common error. Cauchy weights about that error, so that a line that is another one has little say. Where
+    the marks are farther from the model than both allow, the model is wrong by more than it knows (a relation that does not hold, say):
+    its prior is widened until they agree, and the marks' squared distances over their variance are added.
 
-    jacobian: pixels per world unit; rows of frames that do not show the corner are not finite or have no line.
+    lines: None while none were looked for. jacobian: pixels per world unit.
     """
     num_points = jacobian.shape[1]
     shift, covariance = np.zeros((num_points, 3)), point_covariance.copy()
-    weight = lines.end_weight()
+    weight = None if lines is None else lines.end_weight()
     for i in range(num_points):
         if not np.isfinite(point_covariance[i]).all():
             continue
-        slopes, values, shares = [], [], []
-        for e, side in np.argwhere(lines.edges == i):
-            k = np.nonzero(lines.found[:, e] & lines.at_corner[:, e, side])[0]
-            if len(k) >= 5:
-                share = weight[k, e, side]
-                slopes.append(np.einsum("ki,kij->kj", lines.normal[k, e], jacobian[k, i]))
-                values.append(lines.offset[k, e, side])
-                # Frames say the same thing again; below ten they are too few to be sure of even that.
-                shares.append(share / max(len(k), 10))
-        if not slopes:
-            continue
-        a, b, share = np.concatenate(slopes), np.concatenate(values), np.concatenate(shares)
+        mine = np.nonzero(marks.point == i)[0]
+        a, b, share = jacobian[marks.row[mine], i].reshape(-1, 3), marks.offset[mine].reshape(-1), np.full(2 * len(mine), 1.0 / options.mark_sigma**2)
         size = np.linalg.norm(jacobian[:, i], axis=(1, 2)) / np.sqrt(2.0)
-        per_pixel = 1.0 / float(np.median(size[np.isfinite(size) & (size > 0)]))
-        prior = np.linalg.inv(options.model_inflation**2 * point_covariance[i] + (options.model_floor * per_pixel) ** 2 * np.eye(3))
+        per_pixel = 1.0 / max(float(np.median(size)), 1e-12)
+        wide = options.model_inflation**2 * point_covariance[i] + (options.model_floor * per_pixel) ** 2 * np.eye(3)
+        misfit = float(b @ np.linalg.solve(a @ wide @ a.T + options.mark_sigma**2 * np.eye(len(b)), b)) / max(len(b), 1)
+        at_marks = len(b) if misfit > options.mark_gate else 0
+        a, b, share = a[:at_marks], b[:at_marks], share[:at_marks]
+        wide = wide * (misfit if at_marks else 1.0)
+        if lines is not None and weight is not None:
+            for e, side in np.argwhere(lines.edges == i):
+                k = np.nonzero(lines.found[:, e] & lines.at_corner[:, e, side])[0]
+                if len(k) >= 5:
+                    a = np.concatenate([a, np.einsum("ki,kij->kj", lines.normal[k, e], jacobian[k, i])])
+                    b = np.concatenate([b, lines.offset[k, e, side]])
+                    # Frames say the same thing again; below ten they are too few to be sure of even that.
+                    share = np.concatenate([share, weight[k, e, side] / max(len(k), 10) / options.edge_sigma**2])
+        if len(b) == 0:
+            continue
+        prior = np.linalg.inv(wide)
         x, robust = np.zeros(3), np.ones(len(b))
         for _ in range(10):
-            w = robust * share / options.edge_sigma**2
+            w = robust * share
             x = np.linalg.solve(prior + (a * w[:, None]).T @ a, (a * w[:, None]).T @ b)
             robust = 1.0 / (1.0 + ((b - a @ x) / options.edge_sigma) ** 2)
-        w = robust * share / options.edge_sigma**2
+            robust[:at_marks] = 1.0
+        w = robust * share
         shift[i] = x
         covariance[i] = np.linalg.inv(prior + (a * w[:, None]).T @ a)
     return shift, covariance

@@ -226,3 +226,64 @@ def frame_edges(image, ends, inverse_depth, own, blur, faces, depth, tolerance, 
             out[e, 0], out[e, 1] = a, b
             out[e, 2], out[e, 3], out[e, 4] = unit * s0, unit * s1, unit * s2
             out[e, 5] = on / looked
+
+
+@njit(cache=True)
+@no_type_check
+def sample_patches(image, points, patch, usable, face, borders, rotation, translation, focal, cx, cy, faces, depth, tolerance, values, distance):
+    """What a frame shows at places on faces near their corners.
+
+    image (h, w, 3) uint8. points (S, 3): world, sorted by patch (S,). usable (P,): whether the patch's corner can be seen. face (P,).
+    borders (P, B, 2, 3): the edges of the face next to the corner, NaN where there are fewer. rotation, translation, focal, cx, cy:
+    the camera, in pixels whose first centre is 0. faces (h2, w2), depth (h2, w2): what the model shows; a place that another face
+    hides by more than `tolerance` is left out.
+    Fills values (S, 3): the mean of four places 1.2 pixels apart, NaN where it is left out; distance (S,): pixels to the nearest of
+    `borders`, as they are seen.
+    """
+    height, width = image.shape[0], image.shape[1]
+    scale_x, scale_y = depth.shape[1] / width, depth.shape[0] / height
+    ends = np.empty((borders.shape[1], 4))
+    last = -1
+    for s in range(points.shape[0]):
+        values[s] = np.nan
+        distance[s] = 0.0
+        p = patch[s]
+        if not usable[p]:
+            continue
+        if p != last:
+            last = p
+            for e in range(borders.shape[1]):
+                for side in range(2):
+                    q = rotation @ borders[p, e, side] + translation
+                    z = q[2] if q[2] > 1e-9 else np.nan
+                    ends[e, 2 * side] = focal * q[0] / z + cx
+                    ends[e, 2 * side + 1] = focal * q[1] / z + cy
+        q = rotation @ points[s] + translation
+        if q[2] <= 1e-9:
+            continue
+        x, y = focal * q[0] / q[2] + cx, focal * q[1] / q[2] + cy
+        if not (x >= 1.0 and y >= 1.0 and x < width - 2.0 and y < height - 2.0):
+            continue
+        row, column = min(int((y + 0.5) * scale_y), depth.shape[0] - 1), min(int((x + 0.5) * scale_x), depth.shape[1] - 1)
+        if faces[row, column] >= 0 and faces[row, column] != face[p] and depth[row, column] < q[2] - tolerance:
+            continue
+        nearest = 1e9
+        for e in range(borders.shape[1]):
+            ax, ay = ends[e, 0], ends[e, 1]
+            bx, by = ends[e, 2] - ax, ends[e, 3] - ay
+            size = bx * bx + by * by
+            if not size > 1e-9:
+                continue
+            u = min(max(((x - ax) * bx + (y - ay) * by) / size, 0.0), 1.0)
+            nearest = min(nearest, np.hypot(x - ax - u * bx, y - ay - u * by))
+        distance[s] = nearest
+        for c in range(3):
+            total = 0.0
+            for tap in range(4):
+                tx, ty = x + (0.6 if tap % 2 else -0.6), y + (0.6 if tap // 2 else -0.6)
+                i, j = int(ty), int(tx)
+                fx, fy = tx - j, ty - i
+                top = image[i, j, c] * (1.0 - fx) + image[i, j + 1, c] * fx
+                low = image[i + 1, j, c] * (1.0 - fx) + image[i + 1, j + 1, c] * fx
+                total += top * (1.0 - fy) + low * fy
+            values[s, c] = 0.25 * total
