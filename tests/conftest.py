@@ -81,18 +81,19 @@ class Filmed:
     @cached_property
     def cloud(self) -> ScenePoints:
         """What every twelfth pixel of four frames shows."""
-        intrinsics, found = self.clip.intrinsics, []
+        intrinsics, found, frames = self.clip.intrinsics, [], []
         for k in np.linspace(0, self.clip.num_frames - 1, 4).round().astype(int):
             shown = self.clip.renderer.surface_index(int(k))[6::12, 6::12]
             y, x = (12.0 * index + 6.5 for index in np.nonzero(shown >= 0))
             rays = np.column_stack([intrinsics.normalize(np.column_stack([x, y])), np.ones(len(x))]) @ self.cameras.rotation[k]
             center = self.cameras.centers[k]
+            frames.append(np.full(len(x), k))
             surfaces = [self.clip.scene.surfaces[s] for s in shown[shown >= 0]]
             normals = np.array([surface.normal for surface in surfaces])
             corners = np.array([surface.loops[0][0] for surface in surfaces])
             found.append(center + rays * (((corners - center) * normals).sum(axis=1) / (rays * normals).sum(axis=1))[:, None])
-        xyz = np.concatenate(found)
-        return ScenePoints(xyz, np.arange(len(xyz)), np.tile(1e-6 * np.eye(3), (len(xyz), 1, 1)))
+        xyz, seen = np.concatenate(found), np.repeat(np.concatenate(frames)[:, None], 2, axis=1)
+        return ScenePoints(xyz, np.arange(len(xyz)), np.tile(1e-6 * np.eye(3), (len(xyz), 1, 1)), seen)
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """(frames, points, 2): where world points are seen."""

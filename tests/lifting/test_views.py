@@ -49,7 +49,7 @@ def lamp() -> Lamp:
 
 def cloud(depth: float = 0.0) -> ScenePoints:
     xyz = np.random.default_rng(0).normal(0.0, 0.2, (50, 3)) * [1.0, 1.0, 0.1] + [0.0, 0.0, depth]
-    return ScenePoints(xyz, np.arange(50), np.zeros((50, 3, 3)))
+    return ScenePoints(xyz, np.arange(50), np.zeros((50, 3, 3)), np.tile([0, 29], (50, 1)))
 
 
 @pytest.mark.parametrize("max_pixels", [10**6, 20_000, 5_000])

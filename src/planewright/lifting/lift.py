@@ -19,6 +19,7 @@ from planewright.lifting.photometric import (
     PhotometricOptions,
     PhotometricPlane,
     Reference,
+    dominant_plane,
     hypotheses,
     photo_cost,
     plane_from_scene_points,
@@ -48,9 +49,22 @@ class LiftOptions:
     """How often faces that found no plane try again with the corners known by then."""
     same_depth: float = 2.5
     """A face is hidden by another drawn over it that stands this far before it, in pixels of motion."""
+    witness_frames: int = 4
+    """Scene features count as seen in a view when they were observed within this many frames of it."""
+    behind: float = 6.0
+    """A feature seen inside a face's polygon contradicts a plane that it lies behind by more than this, in pixels of motion: faces are opaque."""
     worth: float = 0.25
     """A plane must explain the pixels it shares with another drawn face better than that face's by this much a pixel (log-likelihood)."""
 
+
+AGREEMENT = 4.0
+"""What a plane with which nearly all pixels agree earns; one at which the views agree to a ZNCC of 0.4 earns nothing."""
+CORNERS = 1.5
+"""What a plane through three corners that are known by other faces earns; each further corner on it earns that again."""
+WEAK = 1.0
+"""A plane from pixels that earns less does not stand against one through corners."""
+WITNESS = 1.2
+"""What each feature costs that is seen through a face, above a tenth of those inside it, and up to ten of them."""
 
 EXPLAINED = 40.0
 """Energy a share of pixels that other faces explain, above 0.3: nothing else outweighs a face all of whose pixels show others."""
@@ -70,7 +84,7 @@ class Hypothesis:
     normal: Vec3
     offset: float
     quality: float
-    """Mean ZNCC over the views; -0.25 where pixels did not take part: any plane that they agree with goes first."""
+    """Mean ZNCC over the views; NaN where pixels did not take part."""
     view: int
     """View in which it was found, -1 where it comes from corners."""
     probe: Float[np.ndarray, "probe 3"]
@@ -79,6 +93,16 @@ class Hypothesis:
     """Which other faces are drawn over each of them in that view."""
     found: PhotometricPlane | None = None
     """The pixels' own account, where there is one."""
+    support: float = 1.0
+    """Where it comes from corners or scene features: how much speaks for it."""
+    seen_through: float = 0.0
+    """How many scene features inside the face were seen behind the plane, above a tenth of them."""
+
+    @property
+    def energy(self) -> float:
+        """What choosing it costs by itself; negative where it earns."""
+        earned = CORNERS * self.support if self.found is None else AGREEMENT * float(np.clip((self.quality - 0.4) / 0.5, -1.0, 1.1))
+        return WITNESS * min(self.seen_through, 10.0) - earned
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +136,7 @@ class _Lifter:
         self.points = np.full((self.num_points, 3), np.nan)
         self.known = np.zeros(self.num_points, bool)
         self.spread = np.full(self.num_points, np.inf)  # relative depth sigma of known points
+        self.told_by: list[set[int]] = [set() for _ in range(self.num_points)]  # faces that located each corner
         self.found: list[list[Hypothesis]] = [[] for _ in range(self.num_faces)]
         self.masks: dict[int, dict[int, UInt8[np.ndarray, "height width"]]] = {}
         self.tried: set[tuple[int, int, int]] = set()
@@ -227,6 +252,7 @@ class _Lifter:
             return []
         starts = [start for start in [plane_from_scene_points(self.views, reference, polygon, self.scene.xyz, self.rng)] if start is not None]
         starts += self.hinges(face, reference)
+        starts += self.through_corners(face, reference)
         planes = hypotheses(self.views, reference, rho_range, starts, self.options.photometric)
         self.masks.setdefault(view, {}).update(others)
         probes = reference.pixels[:: max(1, len(reference.pixels) // 24)].astype(int)
@@ -234,13 +260,68 @@ class _Lifter:
         for other, theirs in others.items():
             covered[:, other] = theirs[probes[:, 1], probes[:, 0]] > 0
         out: list[Hypothesis] = []
-        best = max((agreement(found) for found in planes), default=0.0)
-        for found in planes:
+        witnesses = self.witnesses(view, inner > 0)
+        through = [self.seen_through(reference, found.plane, witnesses) for found in planes]
+        best = max((agreement(found) for found, count in zip(planes, through, strict=True) if count < 3), default=0.0)
+        for found, count in zip(planes, through, strict=True):
             normal, offset = plane_to_world(self.views, reference, found.plane)
             # of two planes for the same pixels, a clearly worse one needs much to speak for it
-            quality = agreement(found) - 3.0 * (best - agreement(found))
-            out.append(Hypothesis(normal, offset, quality, view, self.on_plane(view, probes + 0.5, normal, offset), covered, found))
-        return out
+            quality = agreement(found) - 3.0 * max(best - agreement(found), 0.0)
+            out.append(Hypothesis(normal, offset, quality, view, self.on_plane(view, probes + 0.5, normal, offset), covered, found, seen_through=count))
+        return [*out, *self.from_witnesses(view, reference, polygon, witnesses, covered, probes)]
+
+    def witnesses(self, view: int, mask: Bool[np.ndarray, "height width"]) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
+        """Scene features observed about the time of a view that lie inside a mask there: where (array coordinates), and their inverse depths."""
+        frame, near = int(self.views.frame[view]), self.options.witness_frames
+        seen = (self.scene.seen[:, 0] <= frame + near) & (self.scene.seen[:, 1] >= frame - near)
+        cam = self.scene.xyz[seen] @ self.views.rotation[view].T + self.views.translation[view]
+        cam = cam[cam[:, 2] > 1e-6]
+        k = self.views.calibration
+        xy = (cam[:, :2] / cam[:, 2:]) @ k[:2, :2].T + k[:2, 2] - 0.5
+        x, y = (np.rint(v).astype(int) for v in xy.T)
+        inside = (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
+        inside[inside] = mask[y[inside], x[inside]]
+        return xy[inside], 1.0 / cam[inside, 2]
+
+    def seen_through(self, reference: Reference, plane: Vec3, witnesses: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]) -> float:
+        """How many features lie behind a plane through which they were seen, less a tenth of all: some features are wrong."""
+        xy, rho = witnesses
+        basis = np.concatenate([(xy - reference.center) / reference.radius, np.ones((len(xy), 1))], axis=1)
+        there = basis @ plane
+        behind = rho < there * (1.0 - self.options.behind * self.views.depth_per_pixel)
+        return max(0.0, float(behind.sum()) - 0.1 * len(rho))
+
+    def from_witnesses(
+        self,
+        view: int,
+        reference: Reference,
+        polygon: Float[np.ndarray, "corners 2"],
+        witnesses: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]],
+        covered: Bool[np.ndarray, "probe faces"],
+        probes: Int[np.ndarray, "probe 2"],
+    ) -> list[Hypothesis]:
+        """The plane of the scene features seen through what stands before the face: features behind the plane most of them lie on."""
+        xy, rho = witnesses
+        basis = np.concatenate([(xy - reference.center) / reference.radius, np.ones((len(xy), 1))], axis=1)
+        left = np.ones(len(rho), bool)
+        tolerance = 0.5 * self.options.behind * self.views.depth_per_pixel
+        for _ in range(4):
+            plane = dominant_plane(basis[left], rho[left], tolerance, self.rng)
+            if plane is None or plane[2] <= 0 or (reference.basis @ plane).min() <= 0:
+                return []
+            through = self.seen_through(reference, plane, witnesses)
+            on = np.abs(basis @ plane - rho) < tolerance * rho
+            if through < 3 and on.sum() >= 8:
+                normal, offset = plane_to_world(self.views, reference, plane)
+                probe = self.on_plane(view, probes + 0.5, normal, offset)
+                return [Hypothesis(normal, offset, float("nan"), view, probe, covered, support=min(float(on.sum()) / 8.0, 2.0), seen_through=through)]
+            left &= rho < (basis @ plane) * (1.0 - tolerance)
+        return []
+
+    def through_corners(self, face: int, reference: Reference) -> list[Vec3]:
+        """The plane through the known corners of the face, as a start."""
+        planes = [plane_from_world(self.views, reference, guess.normal, guess.offset) for guess in self.planes_through(face)[:1]]
+        return [plane for plane in planes if plane is not None and plane[2] > 0 and (reference.basis @ plane).min() > 0]
 
     def on_plane(self, view: int, pixels: Float[np.ndarray, "probe 2"], normal: Vec3, offset: float) -> Float[np.ndarray, "probe 3"]:
         """World points of the plane at pixels of a view."""
@@ -291,11 +372,15 @@ class _Lifter:
     def choose(self) -> float:
         """Pick one hypothesis or none a face, so that planes agree at shared corners and no two faces share their pixels.
 
-        Energy: -(2 + 2 ZNCC) a chosen plane; `_disagreement` for each corner two chosen faces share; up to +28 where its pixels are
+        Energy: `Hypothesis.energy` of a chosen plane; `_disagreement` for each corner two chosen faces share; up to +28 where its pixels are
         explained by other chosen faces drawn there. Returns the energy.
         """
         depths = [[self.corner_depths(f, h) for h in self.found[f]] for f in range(self.num_faces)]
         usable = [[h for h, d in enumerate(depths[f]) if all(z > 0 for z, _ in d.values())] for f in range(self.num_faces)]
+        for f, guesses in enumerate(self.found):
+            # beside a plane through corners known by other faces, one at which the views hardly agree is no witness
+            if any(guesses[h].view < 0 for h in usable[f]):
+                usable[f] = [h for h in usable[f] if guesses[h].view < 0 or guesses[h].energy < -WEAK]
         neighbours = [[g for g in range(self.num_faces) if g != f and set(self.corners[f]) & set(self.corners[g])] for f in range(self.num_faces)]
         behind_cache: dict[tuple[int, int, int, int], Bool[np.ndarray, "probe"]] = {}
 
@@ -321,7 +406,7 @@ class _Lifter:
 
         def unary(f: int, h: int) -> float:
             guess = self.found[f][h]
-            energy = -(2.0 + 2.0 * guess.quality)
+            energy = guess.energy
             for c, (z, sigma) in depths[f][h].items():
                 if c in self.triangulated:
                     there, sure = self.triangulated[c]
@@ -331,7 +416,7 @@ class _Lifter:
         def crowd(f: int, h: int, labels: Sequence[int]) -> float:
             return EXPLAINED * max(0.0, explained(f, h, labels) - 0.3)
 
-        order = sorted(range(self.num_faces), key=lambda f: -max((self.found[f][h].quality for h in usable[f]), default=-1.0))
+        order = sorted(range(self.num_faces), key=lambda f: min((self.found[f][h].energy for h in usable[f]), default=9.0))
         best, energy = choose_labels(usable, unary, pair, crowd, neighbours, order, self.rng)
         for f, h in enumerate(best):
             self.choice[f] = self.found[f][h] if h >= 0 else None
@@ -339,7 +424,7 @@ class _Lifter:
 
     def pair_energy(self, f: int, h: int, g: int, k: int, depths: list[list[dict[int, tuple[float, float]]]]) -> float:
         # a plane through corners agrees with the faces that located them by its making: that is no evidence, a contradiction is
-        circular = self.found[f][h].found is None or self.found[g][k].found is None
+        circular = self.found[f][h].view < 0 or self.found[g][k].view < 0
         energy = 0.0
         for c, (za, sa) in depths[f][h].items():
             if c in depths[g][k]:
@@ -357,7 +442,9 @@ class _Lifter:
         along = toward @ other.normal
         reach = (other.offset - center @ other.normal) / np.where(np.abs(along) < 1e-12, 1e-12, along)
         hidden = (reach > 0) & (reach < 1.0 - self.same_depth)
-        if mine.found is None or hidden.all():
+        if mine.found is None:
+            return hidden | ((mine.view >= 0) & (np.abs(reach - 1.0) < self.same_depth))
+        if hidden.all():
             return hidden
         if mine.view not in self.masks or g not in self.masks[mine.view]:
             return hidden
@@ -377,11 +464,13 @@ class _Lifter:
         self.known[:] = False
         self.spread[:] = np.inf
         sayings: list[list[tuple[float, float]]] = [[] for _ in range(self.num_points)]
+        self.told_by = [set() for _ in range(self.num_points)]
         for f, guess in enumerate(self.choice):
             if guess is not None:
                 for c, saying in self.corner_depths(f, guess).items():
                     if saying[0] > 0:
                         sayings[c].append(saying)
+                        self.told_by[c].add(f)
         for c in range(self.num_points):
             rows = self.rays.of_point(c)
             if len(rows) == 0:
@@ -403,8 +492,29 @@ class _Lifter:
             self.spread[c] = float(1.0 / np.sqrt(w.sum())) if len(w) > 1 else float(sigma[agree].min())
 
     def from_corners(self, face: int) -> list[Hypothesis]:
-        """Planes through known corners of the face: through all of them, and where those disagree, through all but one each."""
-        known = np.array([c for c in dict.fromkeys(self.corners[face]) if self.known[c] and self.spread[c] < 20 * self.plane_sigma], int)
+        """Planes through known corners of the face: through all of them, and where those disagree, through all but one each.
+
+        Where the pixels agree with such a plane as well as with one that was fitted to them, they speak for it too.
+        """
+        return [replace(guess, support=guess.support + self.borrowed(face, guess) / CORNERS) for guess in self.planes_through(face)]
+
+    def borrowed(self, face: int, guess: Hypothesis) -> float:
+        """What the pixels earn with planes of their own that they tell from `guess` by no more than `worth`."""
+        best = 0.0
+        for other in self.found[face]:
+            if other.found is None or -other.energy <= best:
+                continue
+            plane = plane_from_world(self.views, other.found.reference, guess.normal, guess.offset)
+            if plane is None:
+                continue
+            own, theirs = (photo_cost(self.views, other.found.reference, q, self.options.photometric) for q in (other.found.plane, plane))
+            if theirs < own + self.options.worth:
+                best = -other.energy
+        return best
+
+    def planes_through(self, face: int) -> list[Hypothesis]:
+        independent = [c for c in dict.fromkeys(self.corners[face]) if self.known[c] and (c in self.triangulated or self.told_by[c] - {face})]
+        known = np.array([c for c in independent if self.spread[c] < 20 * self.plane_sigma], int)
         if guess := self.through(known):
             return [guess]
         if not 4 <= len(known) <= 12:
@@ -425,7 +535,8 @@ class _Lifter:
         across = np.linalg.svd((xyz - center) / np.maximum(sigma, 0.2 * sigma.max())[:, None], compute_uv=False)[1]
         if across < 3.0 or (np.abs(xyz @ normal - offset) > 4.0 * sigma).any():
             return None
-        return Hypothesis(normal, offset, -0.25, -1, xyz, np.zeros((len(xyz), self.num_faces), bool))
+        nobody = np.zeros((len(xyz), self.num_faces), bool)
+        return Hypothesis(normal, offset, float("nan"), -1, xyz, nobody, support=1.0 + (len(corners) - 3))
 
 
 def agreement(found: PhotometricPlane) -> float:
@@ -452,7 +563,7 @@ def lift_sketch(
     for turn in range(options.rounds):
         for f in range(lifter.num_faces):
             progress(f"Lifting faces, round {turn + 1}", f, lifter.num_faces)
-            pixels = [guess for guess in lifter.found[f] if guess.found is not None]
+            pixels = [guess for guess in lifter.found[f] if guess.view >= 0]
             chosen = lifter.choice[f]
             if chosen is None or chosen.found is None:
                 lifter.found[f] = pixels
@@ -478,7 +589,7 @@ def _finish(lifter: _Lifter) -> Lifted:
     lone_points(lifter)
     return Lifted(
         lifter.points, lifter.known.copy(), normals, offsets, known,
-        np.array([guess is not None and guess.found is not None for guess in lifter.choice], bool), tuple(map(tuple, lifter.corners)),
+        np.array([guess is not None and guess.view >= 0 for guess in lifter.choice], bool), tuple(map(tuple, lifter.corners)),
     )  # fmt: skip
 
 

@@ -415,17 +415,23 @@ def plane_from_scene_points(
     if len(inside) < 5:
         return None
     basis = np.concatenate([(pixels[inside] - reference.center) / reference.radius, np.ones((len(inside), 1))], axis=1)
-    rho = 1.0 / cam[inside, 2]
+    plane = dominant_plane(basis, 1.0 / cam[inside, 2], 4 * views.depth_per_pixel, rng)
+    return plane if plane is not None and plane[2] > 0 else None
+
+
+def dominant_plane(basis: Float[np.ndarray, "n 3"], rho: Float[np.ndarray, "n"], tolerance: float, rng: np.random.Generator) -> Vec3 | None:
+    """The plane rho = basis . plane that most points lie on, to a share `tolerance` of their inverse depth; None below five of them."""
+    if len(rho) < 5:
+        return None
     best, support = None, 0
     for _ in range(60):
-        three = rng.choice(len(inside), 3, replace=False)
+        three = rng.choice(len(rho), 3, replace=False)
         if abs(np.linalg.det(basis[three])) < 0.05:
             continue
         plane = np.linalg.solve(basis[three], rho[three])
-        agree = np.abs(basis @ plane - rho) < 4 * views.depth_per_pixel * rho
+        agree = np.abs(basis @ plane - rho) < tolerance * rho
         if agree.sum() > support:
             best, support = agree, int(agree.sum())
     if best is None or support < 5:
         return None
-    plane, *_ = np.linalg.lstsq(basis[best], rho[best], rcond=None)
-    return plane if plane[2] > 0 else None
+    return np.linalg.lstsq(basis[best], rho[best], rcond=None)[0]

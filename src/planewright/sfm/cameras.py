@@ -57,3 +57,5 @@ class ScenePoints:
     """Row of the feature table's track each point came from."""
     covariance: Float[np.ndarray, "points 3 3"]
     """Of each point with the cameras held fixed, scene units squared."""
+    seen: Int[np.ndarray, "points 2"]
+    """First and last frame (its number) in which each point was observed."""

@@ -58,6 +58,15 @@ def frame_table(features: Features, frame_numbers: Int[np.ndarray, "frames"], *,
     )
 
 
+def seen_between(table: FrameTable) -> Int[np.ndarray, "tracks 2"]:
+    """Numbers of the first and the last frame of each track; (0, -1) of one that is nowhere seen."""
+    frame = np.repeat(table.frame, np.diff(table.start))
+    out = np.tile(np.array([0, -1]), (table.num_tracks, 1))
+    out[table.track[::-1], 0] = frame[::-1]
+    out[table.track, 1] = frame
+    return out
+
+
 def static_tracks(table: FrameTable, *, still: float = 1.0, moved: float = 10.0) -> Int[np.ndarray, "tracks"]:
     """Tracks that stay within `still` pixels while the median track of their frames travels more than `moved`: overlays and letterbox bars."""
     travel = np.zeros(table.num_frames)

@@ -16,7 +16,7 @@ from planewright.sfm.bundle import Adjusted, Bundle, FocalPrior, Observations, a
 from planewright.sfm.cameras import Cameras, ScenePoints
 from planewright.sfm.degeneracy import GateOptions, Refused, check_features, check_parallax, measure_parallax
 from planewright.sfm.focal import FocalOptions, FocalUncertainty, focal_uncertainty, settle_focal
-from planewright.sfm.frame_table import FrameTable, frame_table, select_keyframes, static_tracks
+from planewright.sfm.frame_table import FrameTable, frame_table, seen_between, select_keyframes, static_tracks
 from planewright.sfm.growth import Growth, GrowthOptions, KeyframeTable, grow_pieces, keyframe_table, restrict
 from planewright.sfm.initialize import StartOptions, find_start
 from planewright.sfm.resection import Posed, ResectionOptions, resect
@@ -431,7 +431,10 @@ def _result(
     moved = Rigid(world.rotation.T, -world.rotation.T @ world.translation)
     new_rotation = np.where(posed[:, None, None], rotation @ moved.rotation, np.eye(3))
     new_translation = np.where(posed[:, None], unit * (rotation @ moved.translation + translation), 0.0)
-    points = ScenePoints(xyz=unit * world.apply(xyz), track_index=track, covariance=unit**2 * sigma**2 * (world.rotation @ covariance @ world.rotation.T))
+    points = ScenePoints(
+        xyz=unit * world.apply(xyz), track_index=track, covariance=unit**2 * sigma**2 * (world.rotation @ covariance @ world.rotation.T),
+        seen=seen_between(table)[track],
+    )  # fmt: skip
     lower, upper = focal.interval
     estimate = float(growth.values[0])
     if upper is None or (upper - lower) / estimate > options.near_affine:
