@@ -64,7 +64,7 @@ CORNERS = 1.5
 WEAK = 1.0
 """A plane from pixels that earns less does not stand against one through corners."""
 WITNESS = 1.2
-"""What each feature costs that is seen through a face, above a tenth of those inside it, and up to ten of them."""
+"""What each feature costs that is seen through a face, above a quarter of those inside it, and up to ten of them."""
 
 EXPLAINED = 40.0
 """Energy a share of pixels that other faces explain, above 0.3: nothing else outweighs a face all of whose pixels show others."""
@@ -96,7 +96,7 @@ class Hypothesis:
     support: float = 1.0
     """Where it comes from corners or scene features: how much speaks for it."""
     seen_through: float = 0.0
-    """How many scene features inside the face were seen behind the plane, above a tenth of them."""
+    """How many scene features inside the face were seen behind the plane, above a quarter of them."""
 
     @property
     def energy(self) -> float:
@@ -121,6 +121,18 @@ class Lifted:
     """Rows of each face's corners, holes included."""
 
 
+@dataclass(frozen=True, eq=False)
+class Witnesses:
+    """Scene features seen inside a face's polygon about the time of a view."""
+
+    xy: Float[np.ndarray, "n 2"]
+    """Array coordinates."""
+    rho: Float[np.ndarray, "n"]
+    """Inverse depth there."""
+    sigma: Float[np.ndarray, "n"]
+    """Relative standard deviation of the depth."""
+
+
 class _Lifter:
     """The state of one lift: located corners and the hypotheses of each face."""
 
@@ -141,6 +153,7 @@ class _Lifter:
         self.masks: dict[int, dict[int, UInt8[np.ndarray, "height width"]]] = {}
         self.tried: set[tuple[int, int, int]] = set()
         self.choice: list[Hypothesis | None] = [None] * self.num_faces
+        self.planes_of_scene: list[tuple[Vec3, float]] | None = None
         self.rho_ranges: dict[int, tuple[float, float]] = {}
         self.mark_sigma = options.click_sigma * views.scale
         self.plane_sigma = options.plane_sigma * views.depth_per_pixel
@@ -223,6 +236,50 @@ class _Lifter:
             self.tried.add((face, view, located))
             self.found[face] += self.search_view(face, view)
 
+    def search_scene(self, face: int) -> None:
+        """Hypotheses of a face of which no view shows three located corners: the planes on which most of the scene lies tell where its
+        corners would be, and so where to look."""
+        rows = [self.rays.of_point(c)[0] for c in self.loops[face] if len(self.rays.of_point(c))]
+        if len(rows) < 3 or (face, -1, 0) in self.tried:
+            return
+        self.tried.add((face, -1, 0))
+        corners = [int(self.rays.point[row]) for row in rows]
+        kept = self.points[corners].copy(), self.known[corners].copy()
+        for normal, offset in self.scene_planes():
+            depth, _ = meet(self.rays, np.array(rows), normal, offset)
+            low, high = np.percentile(np.linalg.norm(self.scene.xyz[:, None] - self.views.centers[None, ::20], axis=2), [0.5, 99.5])
+            if (depth < 0.5 * low).any() or (depth > 3.0 * high).any():
+                continue
+            self.points[corners] = self.rays.origin[rows] + depth[:, None] * self.rays.direction[rows]
+            self.known[corners] = True
+            areas = [0 if (drawn := self.mask(v, face)) is None else int(drawn[0].sum()) for v in range(len(self.views.frame))]
+            for view in np.argsort(-np.array(areas), kind="stable")[:1]:
+                if areas[view] > 400:
+                    self.found[face] += self.search_view(face, int(view))
+            self.points[corners], self.known[corners] = kept
+
+    def scene_planes(self) -> list[tuple[Vec3, float]]:
+        """Up to six planes on which many of the scene's features lie, most first."""
+        if self.planes_of_scene is None:
+            self.planes_of_scene = []
+            left = self.scene.xyz
+            distance = float(np.median(np.linalg.norm(left - self.views.centers.mean(axis=0), axis=1))) if len(left) else 1.0
+            tolerance = 2.0 * self.views.depth_per_pixel * distance
+            while len(self.planes_of_scene) < 6 and len(left) >= 30:
+                best = np.zeros(len(left), bool)
+                for _ in range(300):
+                    a, b, c = left[self.rng.choice(len(left), 3, replace=False)]
+                    normal = np.cross(b - a, c - a)
+                    size = float(np.linalg.norm(normal))
+                    if size > 1e-12:
+                        on = np.abs((left - a) @ normal) < tolerance * size
+                        best = on if on.sum() > best.sum() else best
+                if best.sum() < max(20, 0.02 * len(self.scene.xyz)):
+                    break
+                self.planes_of_scene.append(fit_plane(left[best], np.ones(int(best.sum()))))
+                left = left[~best]
+        return self.planes_of_scene
+
     def search_view(self, face: int, view: int) -> list[Hypothesis]:
         drawn = self.mask(view, face)
         rho_range = self.rho_range(view)
@@ -270,39 +327,41 @@ class _Lifter:
             out.append(Hypothesis(normal, offset, quality, view, self.on_plane(view, probes + 0.5, normal, offset), covered, found, seen_through=count))
         return [*out, *self.from_witnesses(view, reference, polygon, witnesses, covered, probes)]
 
-    def witnesses(self, view: int, mask: Bool[np.ndarray, "height width"]) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
-        """Scene features observed about the time of a view that lie inside a mask there: where (array coordinates), and their inverse depths."""
+    def witnesses(self, view: int, mask: Bool[np.ndarray, "height width"]) -> Witnesses:
+        """Scene features observed about the time of a view that lie inside a mask there."""
         frame, near = int(self.views.frame[view]), self.options.witness_frames
         seen = (self.scene.seen[:, 0] <= frame + near) & (self.scene.seen[:, 1] >= frame - near)
         cam = self.scene.xyz[seen] @ self.views.rotation[view].T + self.views.translation[view]
-        cam = cam[cam[:, 2] > 1e-6]
+        ahead = cam[:, 2] > 1e-6
+        axis, cam = self.views.rotation[view][2], cam[ahead]
+        sigma = np.sqrt(np.einsum("i,nij,j->n", axis, self.scene.covariance[seen][ahead], axis)) / cam[:, 2]
         k = self.views.calibration
         xy = (cam[:, :2] / cam[:, 2:]) @ k[:2, :2].T + k[:2, 2] - 0.5
         x, y = (np.rint(v).astype(int) for v in xy.T)
         inside = (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
         inside[inside] = mask[y[inside], x[inside]]
-        return xy[inside], 1.0 / cam[inside, 2]
+        return Witnesses(xy[inside], 1.0 / cam[inside, 2], sigma[inside])
 
-    def seen_through(self, reference: Reference, plane: Vec3, witnesses: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]) -> float:
-        """How many features lie behind a plane through which they were seen, less a tenth of all: some features are wrong."""
-        xy, rho = witnesses
-        basis = np.concatenate([(xy - reference.center) / reference.radius, np.ones((len(xy), 1))], axis=1)
+    def seen_through(self, reference: Reference, plane: Vec3, witnesses: Witnesses) -> float:
+        """How many features lie behind a plane through which they were seen, less a quarter of all: some are wrong, others seen beside what is drawn."""
+        rho = witnesses.rho
+        basis = np.concatenate([(witnesses.xy - reference.center) / reference.radius, np.ones((len(rho), 1))], axis=1)
         there = basis @ plane
-        behind = rho < there * (1.0 - self.options.behind * self.views.depth_per_pixel)
-        return max(0.0, float(behind.sum()) - 0.1 * len(rho))
+        behind = rho < there * (1.0 - np.maximum(self.options.behind * self.views.depth_per_pixel, 5.0 * witnesses.sigma))
+        return max(0.0, float(behind.sum()) - 0.25 * len(rho))
 
     def from_witnesses(
         self,
         view: int,
         reference: Reference,
         polygon: Float[np.ndarray, "corners 2"],
-        witnesses: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]],
+        witnesses: Witnesses,
         covered: Bool[np.ndarray, "probe faces"],
         probes: Int[np.ndarray, "probe 2"],
     ) -> list[Hypothesis]:
         """The plane of the scene features seen through what stands before the face: features behind the plane most of them lie on."""
-        xy, rho = witnesses
-        basis = np.concatenate([(xy - reference.center) / reference.radius, np.ones((len(xy), 1))], axis=1)
+        rho = witnesses.rho
+        basis = np.concatenate([(witnesses.xy - reference.center) / reference.radius, np.ones((len(rho), 1))], axis=1)
         left = np.ones(len(rho), bool)
         tolerance = 0.5 * self.options.behind * self.views.depth_per_pixel
         for _ in range(4):
@@ -548,7 +607,8 @@ def _disagreement(difference: float, sigma: float) -> float:
     """What two depths (logarithms) of a corner cost: minus the log-likelihood ratio of "the same corner" against any depth of the scene,
     with a chance of 0.1 % that one of the clicks is wrong. About -4 where they agree to half a percent, +6.9 where they do not."""
     same = np.exp(-0.5 * (difference / sigma) ** 2) / sigma
-    other = np.exp(-0.5 * (difference / DEPTHS) ** 2) / DEPTHS
+    # a depth that is out of all range earns nothing by being out of range
+    other = np.exp(-0.5 * (difference / max(DEPTHS, sigma)) ** 2) / DEPTHS
     return -float(np.log(0.999 * same / other + 0.001))
 
 
@@ -568,6 +628,8 @@ def lift_sketch(
             if chosen is None or chosen.found is None:
                 lifter.found[f] = pixels
                 lifter.search(f)
+                if turn >= 1 and not lifter.found[f]:
+                    lifter.search_scene(f)
                 pixels = lifter.found[f]
             lifter.found[f] = [*pixels, *lifter.from_corners(f)]
         energy = lifter.choose()
