@@ -13,7 +13,7 @@ import pstats
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,17 +22,23 @@ import av
 import numpy as np
 
 import planewright
+from benchmarks.baselines.single_corners import single_corners
 from benchmarks.run import in_fresh_process, reconstructed
 from benchmarks.speed_page import speed_report, time_against_span
 from benchmarks.workloads.workload import ClipFiles
+from planewright.arrays import Float
 from planewright.corrections import Mark, Session, correct
+from planewright.mending import Gap, mend
 from planewright.pipeline.corrected import open_session
 from planewright.pipeline.machine import machine
 from planewright.pipeline.run import reconstruct
+from planewright.sketch.read import read_sketch
 from planewright.synthetic import demo_scene, toy_house, write_clip
 from planewright.tracking.tracks import State, Tracks
+from planewright.video.clip import open_clip
+from planewright.video.kept_frames import KeptFrames
 
-PARTS = ("stages", "corrections", "profile")
+PARTS = ("stages", "corrections", "paths", "profile")
 TO_TRACKS = ("features", "cameras", "structure", "tracks")
 """From the clip to tracks."""
 SPANS = (10, 30, 100, 300)
@@ -149,6 +155,44 @@ def one_correction(session: Session, corner: int, span: int) -> dict[str, Any]:
     }
 
 
+def paths(files: ClipFiles, frames: int) -> list[dict[str, Any]]:
+    """The shortest path between two anchors, by the frames between them. The traces are plain Lucas-Kanade's from either side."""
+    sketch, clip = read_sketch(files.sketch), open_clip(files.clip)
+    kept = KeptFrames(clip)
+    images = [image for _, image in kept.gray(clip.numbers)]
+    step = single_corners(sketch)
+    start = np.array([next(iter(point.marks.values())) for point in sketch.points])
+    marked = np.array([next(iter(point.marks)) for point in sketch.points])
+    first = int(np.bincount(marked).argmax())
+    way = 1 if first < len(images) // 2 else -1
+    reach = len(images) - 1 - first if way == 1 else first
+    corner = int(np.flatnonzero(marked == first)[0])
+
+    def trace(from_frame: int, there: Float[np.ndarray, "2"], count: int, way: int) -> Float[np.ndarray, "frames 2"]:
+        places = [there]
+        for k in range(count - 1):
+            moved = step(images[from_frame + way * k], images[from_frame + way * (k + 1)], places[-1][None])[0]
+            places.append(moved if np.isfinite(moved).all() else places[-1])
+        return np.array(places)
+
+    rows: list[dict[str, Any]] = []
+    mend(kept, _gap(first, start[corner], 5, way, trace))  # compiles the kernel
+    for span in (s for s in SPANS if s <= frames):
+        gap = _gap(first, start[corner], min(span, reach), way, trace)
+        began, worked = time.perf_counter(), time.process_time()
+        mend(kept, gap)
+        rows.append({"span": len(gap.frame), "seconds": time.perf_counter() - began, "first": None, "processor": time.process_time() - worked})
+    return rows
+
+
+def _gap(first: int, there: Float[np.ndarray, "2"], count: int, way: int, trace: Callable[..., Float[np.ndarray, "frames 2"]]) -> Gap:
+    """Frames from the mark on, the other anchor 4 px beside where the trace ended: as after a drag."""
+    out = trace(first, there, count, way)
+    back = trace(first + way * (count - 1), out[-1] + np.array([4.0, 0.0]), count, -way)
+    frame = np.arange(first, first + count) if way == 1 else np.arange(first - count + 1, first + 1)
+    return Gap(frame, out, back[::-1]) if way == 1 else Gap(frame, back, out[::-1])
+
+
 def profile(files: ClipFiles, rows: int = 24) -> list[dict[str, Any]]:
     """Functions by the time spent in themselves; a compiled kernel is one of them. The profiler makes Python's own part look larger by about a third."""
     watch = cProfile.Profile()
@@ -187,6 +231,8 @@ def measure(output: Path, frames: int, long: int, sizes: Sequence[tuple[int, int
             content["clips"][f"{sizes[0][0]}x{sizes[0][1]}, {long} frames"] = stages(longer, long, output / "long", 1)
     if "corrections" in parts:
         content["corrections"] = in_fresh_process(corrections, base, frames)
+    if "paths" in parts:
+        content["paths"] = in_fresh_process(paths, base, frames)
     if "profile" in parts:
         content["profile"] = in_fresh_process(profile, base)
     return content
@@ -205,8 +251,9 @@ def main() -> None:
     content = measure(args.output, args.frames, args.long, args.sizes, args.repeat, [part for part in PARTS if part not in args.skip])
     content["command"] = " ".join(["python -m benchmarks.speed", *sys.argv[1:]])
     (args.output / "speed.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    if content.get("corrections"):
-        (args.output / "corrections.svg").write_text(time_against_span(content["corrections"]), encoding="utf-8")
+    for part, what in (("corrections", "a correction"), ("paths", "the shortest path")):
+        if content.get(part):
+            (args.output / f"{part}.svg").write_text(time_against_span(content[part], what, part == "corrections"), encoding="utf-8")
     page = speed_report(content)
     (args.output / "speed.md").write_text(page, encoding="utf-8")
     print(page)

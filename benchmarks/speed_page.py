@@ -21,6 +21,8 @@ def speed_report(content: Mapping[str, Any]) -> str:
         lines += ["## Stages, milliseconds a frame", "", *stage_table(content["clips"]), ""]
     if content.get("corrections"):
         lines += ["## One correction, seconds", "", *correction_table(content["corrections"]), ""]
+    if content.get("paths"):
+        lines += ["## The shortest path between two anchors", "", *path_table(content["paths"]), ""]
     if content.get("profile"):
         lines += ["## Where the time goes", "", *profile_table(content["profile"]), ""]
     return "\n".join(lines)
@@ -55,19 +57,25 @@ def correction_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
+def path_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A row a span; time is linear in it where the last column is flat."""
+    lines = ["| frames | seconds | processor | milliseconds a frame |", "|---|---|---|---|"]
+    return lines + [f"| {r['span']} | {r['seconds']:.2f} | {r['processor']:.2f} | {1000 * r['seconds'] / r['span']:.1f} |" for r in rows]
+
+
 def profile_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Functions by their own seconds."""
     lines = ["| function | calls | own, s | share, % | with all below, s |", "|---|---|---|---|---|"]
     return lines + [f"| `{r['function']}` | {r['calls']} | {r['own']:.2f} | {r['share_pct']:.1f} | {r['whole']:.2f} |" for r in rows]
 
 
-def time_against_span(rows: Sequence[Mapping[str, Any]]) -> str:
-    """An SVG diagram: seconds until all frames are right (dots), until the first answer (rings), against the frames touched; limits as lines."""
+def time_against_span(rows: Sequence[Mapping[str, Any]], what: str, limited: bool) -> str:
+    """An SVG diagram: seconds until all frames are right (dots), until the first answer (rings), against the frames touched; the limits as a line."""
     width, height, left, bottom, top, right = 640.0, 360.0, 56.0, 40.0, 16.0, 16.0
     span = np.array([row["span"] for row in rows], dtype=float)
     done = np.array([row["seconds"] for row in rows])
     first = np.array([row["first"] if row["first"] is not None else np.nan for row in rows])
-    far, long = span.max() * 1.05, max(float(done.max()), max(SPAN_LIMITS.values())) * 1.1
+    far, long = span.max() * 1.05, max(float(done.max()), max(SPAN_LIMITS.values()) if limited else 0.0) * 1.1
 
     def at(frames: float, seconds: float) -> tuple[float, float]:
         return left + (width - left - right) * frames / far, height - bottom - (height - top - bottom) * seconds / long
@@ -81,17 +89,20 @@ def time_against_span(rows: Sequence[Mapping[str, Any]]) -> str:
     for frames in sorted({*span}):
         x, _ = at(frames, 0)
         parts.append(f'<text x="{x:.1f}" y="{y0 + 16:.1f}" text-anchor="middle">{frames:.0f}</text>')
-    for seconds in np.linspace(0, np.floor(long * 2) / 2, 5):
+    for seconds in np.linspace(0, long, 5):
         _, y = at(0, seconds)
         parts.append(f'<text x="{left - 8:.1f}" y="{y + 4:.1f}" text-anchor="end">{seconds:.2g}</text>')
     corners = [at(0, FIRST_LIMIT), at(min(SPAN_LIMITS), SPAN_LIMITS[min(SPAN_LIMITS)]), at(max(SPAN_LIMITS), SPAN_LIMITS[max(SPAN_LIMITS)])]
-    parts.append('<path d="M' + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + '" fill="none" stroke="#c33" stroke-dasharray="5 4"/>')
+    if limited:
+        parts.append('<path d="M' + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + '" fill="none" stroke="#c33" stroke-dasharray="5 4"/>')
     for frames, seconds, sooner in zip(span, done, first, strict=True):
         x, y = at(frames, seconds)
         parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#247" fill-opacity="0.7"/>')
         if np.isfinite(sooner):
             x, y = at(frames, sooner)
             parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="none" stroke="#247"/>')
-    parts.append(f'<text x="{(x0 + x1) / 2:.1f}" y="{height - 6:.1f}" text-anchor="middle">frames touched by the correction</text>')
-    parts.append(f'<text x="{left + 10:.1f}" y="{top + 14:.1f}">seconds: all frames (dots), first answer (rings), goal (dashed)</text></svg>')
+    parts.append(f'<text x="{(x0 + x1) / 2:.1f}" y="{height - 6:.1f}" text-anchor="middle">frames that {what} touches</text>')
+    parts.append(
+        f'<text x="{left + 10:.1f}" y="{top + 14:.1f}">seconds: all frames (dots){", first answer (rings), goal (dashed)" if limited else ""}</text></svg>'
+    )
     return "\n".join(parts) + "\n"

@@ -78,11 +78,13 @@ def measure(workload: Workload, known: Known, folder: Path, options: argparse.Na
     if options.baselines:
         figures["baselines"] = {name: figures_of(found, known.truth) for name, found in in_fresh_process(follow, known.files, folder).items()}
     if options.users and run["status"] == 0 and known.group != "recorded":
-        done = in_fresh_process(corrected_by_users, known.files, known.truth, options.users, UserOptions(from_scratch=options.from_scratch))
+        user = UserOptions(from_scratch=options.from_scratch)
+        done = in_fresh_process(corrected_by_users, known.files, known.truth, options.users, user)
         figures["users"] = done
-        figures["ours"]["corrections"] = float(np.median([d["worst first"]["corrections"] for d in done]))
-        listed = [d["list followed"]["corrections"] for d in done if d.get("list followed")]
-        figures["ours"]["corrections_listed"] = float(np.median(listed)) if listed else None
+        for key, policy in (("corrections", "worst first"), ("corrections_listed", "list followed")):
+            # Whoever gave up, or was shown nothing wrong though much was, counts as one who lost patience.
+            counts = [d[policy]["corrections"] if d[policy]["satisfied"] else user.patience for d in done if policy in d]
+            figures["ours"][key] = float(np.median(counts)) if counts else None
     return figures
 
 

@@ -51,7 +51,8 @@ def smooth_path(
         inner[0] += stiffness[0] * places[0]
         inner[-1] += stiffness[-1] * places[-1]
         diagonal = (pull[1:-1] + stiffness[:-1] + stiffness[1:]).copy()
-        path[1:-1] = solveh_banded(np.stack([np.concatenate([[0.0], -stiffness[1:-1]]), diagonal]), inner)
+        # SciPy's banded solver takes no system of one unknown.
+        path[1:-1] = solveh_banded(np.stack([np.concatenate([[0.0], -stiffness[1:-1]]), diagonal]), inner) if count > 3 else inner / diagonal[:, None]
         off = ((path - places) ** 2).sum(axis=1) / (2.0 * options.place_sigma) ** 2
         weight = 1.0 / (1.0 + off) ** 2
     return path, _sigmas(weight / options.place_sigma**2, stiffness)
