@@ -38,9 +38,9 @@ class CarryOptions:
 class _Seen:
     """One model in every frame with a pose."""
 
-    xy: Float[np.ndarray, "frames points 2"]
+    xy: Float[np.ndarray, "frames chosen 2"]
     """As displayed; NaN behind the camera."""
-    covariance: Float[np.ndarray, "frames points 2 2"]
+    covariance: Float[np.ndarray, "frames chosen 2 2"]
 
 
 def carry_tracks(
@@ -77,7 +77,7 @@ def carry_tracks(
     return _rows(moved_xy, spread, states, after, cameras, rows, chosen, moved, options)
 
 
-def _project(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "frames"], chosen: Int[np.ndarray, "points"]) -> _Seen:
+def _project(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "frames"], chosen: Int[np.ndarray, "chosen"]) -> _Seen:
     points = np.where(scene.point_known[chosen, None], scene.points[chosen], 0.0)
     rotation = cameras.rotation[rows]
     in_cam = np.einsum("kij,pj->kpi", rotation, points) + cameras.translation[rows][:, None]
@@ -96,8 +96,8 @@ def _project(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "frames
 
 
 def _table(
-    tracks: Tracks, frames: Int[np.ndarray, "frames"], chosen: Int[np.ndarray, "points"]
-) -> tuple[Float[np.ndarray, "frames points 2"], Float[np.ndarray, "frames points 2 2"], Int[np.ndarray, "frames points"]]:
+    tracks: Tracks, frames: Int[np.ndarray, "frames"], chosen: Int[np.ndarray, "chosen"]
+) -> tuple[Float[np.ndarray, "frames chosen 2"], Float[np.ndarray, "frames chosen 2 2"], Int[np.ndarray, "frames chosen"]]:
     """The rows of some points as a table; NaN and -1 where there is none."""
     xy = np.full((len(frames), len(chosen), 2), np.nan)
     covariance = np.full((len(frames), len(chosen), 2, 2), np.nan)
@@ -113,8 +113,8 @@ def _table(
 
 
 def _frames_alone(
-    xy: Float[np.ndarray, "frames points 2"], covariance: Float[np.ndarray, "frames points 2 2"], past: _Seen, usable: Bool[np.ndarray, "frames points"]
-) -> tuple[Float[np.ndarray, "frames points 2 2"], Float[np.ndarray, "frames points 2"]]:
+    xy: Float[np.ndarray, "frames chosen 2"], covariance: Float[np.ndarray, "frames chosen 2 2"], past: _Seen, usable: Bool[np.ndarray, "frames chosen"]
+) -> tuple[Float[np.ndarray, "frames chosen 2 2"], Float[np.ndarray, "frames chosen 2"]]:
     """Information that the frames gave, and that times where they saw the corner: the fusion without the old projection."""
     eye = np.eye(2)
     fused = np.where(usable[..., None, None], covariance, eye)
@@ -134,12 +134,12 @@ def _frames_alone(
 
 
 def _believed(
-    said: Float[np.ndarray, "frames points 2 2"],
-    pull: Float[np.ndarray, "frames points 2"],
+    said: Float[np.ndarray, "frames chosen 2 2"],
+    pull: Float[np.ndarray, "frames chosen 2"],
     new: _Seen,
-    usable: Bool[np.ndarray, "frames points"],
+    usable: Bool[np.ndarray, "frames chosen"],
     options: CarryOptions,
-) -> Bool[np.ndarray, "points"]:
+) -> Bool[np.ndarray, "chosen"]:
     """Corners whose frames agree with the new model."""
     center = np.where(np.isfinite(new.xy), new.xy, 0.0)
     off = pull - np.einsum("kpij,kpj->kpi", said, center)  # said (z - m)
@@ -151,7 +151,7 @@ def _believed(
     return (count > 0) & (mean < options.contradiction)
 
 
-def _frame_motion(away: Float[np.ndarray, "frames points 2"], alone: Bool[np.ndarray, "frames points"]) -> Float[np.ndarray, "frames 2"]:
+def _frame_motion(away: Float[np.ndarray, "frames chosen 2"], alone: Bool[np.ndarray, "frames chosen"]) -> Float[np.ndarray, "frames 2"]:
     """What each frame adds to the whole picture, from three corners at least whose frames are believed."""
     values = np.where(alone[..., None], np.nan, away)
     enough = np.isfinite(values).all(axis=2).sum(axis=1) >= 3
@@ -162,7 +162,7 @@ def _frame_motion(away: Float[np.ndarray, "frames points 2"], alone: Bool[np.nda
     return np.where(np.isfinite(out), out, 0.0)
 
 
-def _usual(values: Float[np.ndarray, "frames points 2"]) -> Float[np.ndarray, "points 2"]:
+def _usual(values: Float[np.ndarray, "frames chosen 2"]) -> Float[np.ndarray, "chosen 2"]:
     out = np.zeros(values.shape[1:])
     some = np.isfinite(values).any(axis=(0, 2))
     out[some] = np.nanmedian(values[:, some], axis=0)
@@ -170,15 +170,15 @@ def _usual(values: Float[np.ndarray, "frames points 2"]) -> Float[np.ndarray, "p
 
 
 def _states(
-    xy: Float[np.ndarray, "frames points 2"],
-    old_xy: Float[np.ndarray, "frames points 2"],
-    old: Int[np.ndarray, "frames points"],
+    xy: Float[np.ndarray, "frames chosen 2"],
+    old_xy: Float[np.ndarray, "frames chosen 2"],
+    old: Int[np.ndarray, "frames chosen"],
     scene: PlanarScene,
     cameras: Cameras,
     rows: Int[np.ndarray, "frames"],
-    chosen: Int[np.ndarray, "points"],
+    chosen: Int[np.ndarray, "chosen"],
     options: CarryOptions,
-) -> Int[np.ndarray, "frames points"]:
+) -> Int[np.ndarray, "frames chosen"]:
     """Seen or hidden as before, unless the corner came from far off or was not there before."""
     width, height = cameras.intrinsics.image_size
     size = float(np.linalg.norm(np.ptp(scene.points[scene.point_known], axis=0)))
@@ -198,13 +198,13 @@ def _states(
 
 
 def _rows(
-    xy: Float[np.ndarray, "frames points 2"],
-    covariance: Float[np.ndarray, "frames points 2 2"],
-    state: Int[np.ndarray, "frames points"],
+    xy: Float[np.ndarray, "frames chosen 2"],
+    covariance: Float[np.ndarray, "frames chosen 2 2"],
+    state: Int[np.ndarray, "frames chosen"],
     scene: PlanarScene,
     cameras: Cameras,
     rows: Int[np.ndarray, "frames"],
-    chosen: Int[np.ndarray, "points"],
+    chosen: Int[np.ndarray, "chosen"],
     moved: Bool[np.ndarray, "points"],
     options: CarryOptions,
 ) -> Tracks:
