@@ -22,9 +22,9 @@ class CornerTrackOptions:
 
     click_sigma: float = 1.0
     """Standard deviation of a mark along an axis, pixels."""
-    line_sigma: float = 0.4
+    line_sigma: float = 0.55
     """Least standard deviation of where an edge runs against the face's pixels, pixels: a parallel line beside it is a bias that no frame takes away."""
-    floor: float = 0.15
+    floor: float = 0.2
     """Error of a registration that its own covariance does not know, pixels."""
     gate: float = 13.8
     """Square of the distance, in sigmas, beyond which a second face of a corner is not believed: one in a thousand is further by chance."""
@@ -36,6 +36,8 @@ class CornerTrackOptions:
     """Probability that one frame's evidence for that is right."""
     min_lines: int = 5
     """Frames in which an edge must be found to say where the corner is."""
+    predicted_sigma: float = 4.0
+    """Corners of faces that were not found are predicted when they are known this well, pixels, and else hidden."""
     margin: float = 0.25
     """Positions outside the image are given up to this share of its size away."""
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
@@ -265,7 +267,9 @@ def _table(
         xy = np.where(seen[:, None], moved, xy) + 0.5
         inside = known & (np.nan_to_num(xy, nan=-1.0) >= 0).all(axis=1) & (np.nan_to_num(xy, nan=1e9) < size).all(axis=1)
         visible = visible_frames(np.where(seen, np.where(support[i] < 0, options.min_support, support[i]), 0.0) >= options.min_support, options) & inside & seen
-        state = np.where(visible, int(State.TRACKED), np.where(inside, int(State.HIDDEN), int(State.PREDICTED)))
+        # A face that was not found may be hidden, or only not recognised: while its corners are known well they are predicted.
+        well = ~seen & (np.nan_to_num(np.trace(covariance, axis1=1, axis2=2), nan=np.inf) < 2 * options.predicted_sigma**2)
+        state = np.where(visible, int(State.TRACKED), np.where(inside & ~well, int(State.HIDDEN), int(State.PREDICTED)))
         near = known & (np.nan_to_num(xy, nan=-1e9) > -room).all(axis=1) & (np.nan_to_num(xy, nan=1e9) < size + room).all(axis=1)
         for k, n in enumerate(registered.frame):
             if int(n) in point.marks and near[k] and inside[k]:

@@ -33,8 +33,8 @@ class RegistrationOptions:
     """Of the flow, pixels."""
     flow_sigma: float = 0.7
     """Of one point's flow along an axis, pixels; neighbours err together, so their number counts for a third."""
-    neighbour_sigma: float = 2.0
-    """Error a frame of a corner whose motion is taken from the faces around, pixels."""
+    neighbour_sigma: float = 1.0
+    """Error a frame of a corner whose motion is taken from the faces around, pixels. Such errors have one sense: over frames they add up, not their squares."""
     neighbourhood: float = 0.15
     """Reach of that motion, as a share of the image's longer side."""
     lost_sigma: float = 25.0
@@ -252,8 +252,8 @@ class _Follower:
         for s in todo:
             h, p = self.h[s, j], self.p[s, j]
             own = np.nonzero(of == s)[0]
-            change, spread = None, None
-            if self.found[s, j] and len(own) >= 6:
+            own_flow = bool(self.found[s, j]) and len(own) >= 6
+            if own_flow:
                 q = apply_homography(np.linalg.inv(h), start[own])
                 change, spread = _fit_change(h, q, moved[own], o.flow_sigma)
             elif len(start):
@@ -266,6 +266,9 @@ class _Follower:
             if not self._worth(guess):
                 continue
             covariance = p + spread
+            if not own_flow:
+                before = max(_worst_corner(h, p), 0.1)
+                covariance = p * (1 + 2 * o.neighbour_sigma / before) + spread
             if _worst_corner(guess, covariance) > o.lost_sigma:
                 continue
             if np.isfinite(self.h[s, k, 2, 2]) and _worst_corner(self.h[s, k], self.p[s, k]) < _worst_corner(guess, covariance):
@@ -434,11 +437,12 @@ class _Follower:
         f_direction = f[:, 1] - f[:, 0]
         f_normal = np.stack([-f_direction[:, 1], f_direction[:, 0]], axis=1) / np.maximum(np.linalg.norm(f_direction, axis=1), 1e-9)[:, None]
         # The line of the first frame, carried into this one: an offset across the edge there is an offset across it here, times the scale between them.
-        q = strand.q[strand.edges[both]]
-        across = point_jacobian(h, q) @ np.linalg.inv(point_jacobian(strand.h, q)) @ f_normal[:, None, :, None]
-        expected = first[both, :2] * np.einsum("ei,ecij->ec", normal, across)
-        residual = (lines[both, :2] - expected).reshape(-1)
-        jacobian = np.einsum("ei,ecij->ecj", normal, change_jacobian(h, q)).reshape(-1, 8)
+        q = strand.q[strand.edges[both].reshape(-1)]
+        n = normal.repeat(2, axis=0)
+        across = point_jacobian(h, q) @ np.linalg.inv(point_jacobian(strand.h, q)) @ f_normal.repeat(2, axis=0)[:, :, None]
+        expected = first[both, :2].reshape(-1) * np.einsum("ci,cij->c", n, across)
+        residual = lines[both, :2].reshape(-1) - expected
+        jacobian = np.einsum("ci,cij->cj", n, change_jacobian(h, q))
         samples = np.clip(length / o.spacing, 5, 60)
         sigma = np.sqrt(o.line_sigma**2 + 4 * (lines[both, 2] ** 2 + first[both, 2] ** 2) / samples).repeat(2)
         expected_sigma = np.sqrt(np.einsum("ni,ij,nj->n", jacobian, p, jacobian) + sigma**2)
