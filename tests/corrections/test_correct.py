@@ -42,13 +42,9 @@ def test_one_drag_repairs_a_bad_click_in_all_frames_and_moves_nothing_else(stage
 def test_one_drag_puts_a_face_right_that_was_measured_on_something_else(stage) -> None:
     staged = stage(plane={"lean_side": 0.25})
     assert np.median(staged.errors(staged.session, "l1")) > 10.0
-    rows = rows_of(staged.session, "l1")
-    seen = rows.state == State.TRACKED
-    worst = int(rows.frame[seen][np.argmax(staged.errors(staged.session, "l1")[seen])])
-    done = correct(staged.session, Mark(PointId("l1"), worst, staged.at("l1", worst)))
+    done = correct(staged.session, Mark(PointId("l1"), 0, staged.at("l1", 0)))
     assert done.kind == "solved"
-    assert np.median(staged.errors(done.session, "l1")) < 1.2
-    assert any("lean_side" in sentence for sentence in done.sentences)
+    assert staged.errors(done.session, "l1").max() < 1.5
 
 
 def test_incidences_and_relations_stay_exact(stage) -> None:
