@@ -1,12 +1,15 @@
 """The tracks benchmark's own rules: baselines follow what can be followed, users stop when a clip is good, claims are judged strictly."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 from benchmarks.baselines import BASELINES, sweep
 from benchmarks.claims import CLAIMS
 from benchmarks.corners import corner_errors
+from benchmarks.report import page
 from benchmarks.simulated_user import Followed, UserOptions, correct_as_user, worst
-from benchmarks.tables import group_table
+from benchmarks.tables import CURVE, group_table
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planewright.arrays import Float, GrayImage
@@ -142,3 +145,22 @@ def test_a_table_marks_the_clip_that_breaks_a_goal() -> None:
     assert rows["median error, px"].endswith("| kept |")
     assert group_table("twin", {"fine": clips["fine"]}, total)[1]
     assert not group_table("twin", {"fine": clips["fine"], "refused": {"status": 4}}, total)[1]
+
+
+def test_a_page_and_its_diagrams_are_made_of_what_was_measured() -> None:
+    figures = {"rmse_px": 0.5, "median_px": 0.2, "curve": [100.0 * k / (len(CURVE) - 1) for k in range(len(CURVE))]}
+    user = {"corrections": 3, "looks": 0, "within": [91.0, 99.5], "seconds": [0.2, 0.3, 0.4], "satisfied": True, "stopped_by": None}
+    clip = {"group": "twin", "status": 0, "ours": {**figures, "bad_corners": {"ridge": 3.14, "sill": None}}, "users": [{"worst first": user}]}
+    tracks = {"command": "the command", "clips": {"house": clip}, "totals": {"twin": {"ours": figures, "baselines": {"LK": figures}}}}
+    clip["baselines"] = {"LK": figures}
+    correction = {"span": 30, "seconds": 0.25, "first": 0.1, "processor": 0.2}
+    path = {"span": 300, "seconds": 1.5, "first": None, "processor": 1.2}
+    stages = {"frames": 100, "stages": {"features": 2.0}, "ms_per_frame": 20.0, "peak_memory_mb": 300.0}
+    speed = {"machine": {"cores": 2}, "clips": {"960x540": stages}, "corrections": [correction], "paths": [path], "profile": []}
+    text, diagrams = page(tracks, speed, "0009-name")
+    for words in ("`the command`", "ridge (3.1), sill (not claimed)", "| house | 0 | worst first | 3 |", "| 30 | 1 | 0.10 |", "| features | 20.0 |"):
+        assert words in text, words
+    assert set(diagrams) == {f"0009-name-{part}.svg" for part in ("twin", "corrections", "paths")}
+    for name, svg in diagrams.items():
+        assert f"]({name})" in text
+        assert ElementTree.fromstring(svg).tag.endswith("svg")
