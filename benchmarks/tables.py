@@ -15,12 +15,16 @@ TITLES = {
 }
 
 
-def tracks_report(content: Mapping[str, Any], command: str) -> tuple[str, bool]:
-    """The page, and whether every claim is kept. content: `clips` and `totals` of `benchmarks.tracks`."""
+CURVE = tuple(0.25 * k for k in range(41))
+"""Pixels at which the share of corner-frames within is noted for the diagram."""
+
+
+def tracks_report(content: Mapping[str, Any]) -> tuple[str, bool]:
+    """The page, and whether every claim is kept. content: that of `tracks.json`."""
     lines = [
         "# Corners followed without a correction",
         "",
-        f"`{command}`",
+        f"`{content['command']}`",
         "",
         "Errors are over every truly visible corner-frame; what is not claimed counts as missed in all percentages. A figure in bold breaks its row's goal.",
         "Baselines see the same frames and the same marks: Lucas-Kanade on single corners; each face by a homography from frame to frame;",
@@ -32,7 +36,9 @@ def tracks_report(content: Mapping[str, Any], command: str) -> tuple[str, bool]:
         clips = {name: figures for name, figures in content["clips"].items() if figures["group"] == group}
         table, kept = group_table(group, clips, total)
         all_kept = all_kept and kept
-        lines += [f"## {TITLES.get(group, group)}", "", *table, ""]
+        lines += [f"## {TITLES.get(group, group)}", "", *table, "", *fallen_short(clips), ""]
+        users = user_table(clips)
+        lines += [*users, ""] if users else []
     return "\n".join(lines), all_kept
 
 
@@ -62,6 +68,60 @@ def group_table(group: str, clips: Mapping[str, Any], total: Mapping[str, Any]) 
     if failures:
         lines += ["", "Without a result: " + "; ".join(failures) + "."]
     return lines, all_kept
+
+
+def fallen_short(clips: Mapping[str, Any]) -> list[str]:
+    """The corners whose median error is above 2 px, by clip."""
+    bad = {name: c["ours"]["bad_corners"] for name, c in clips.items() if c.get("ours", {}).get("bad_corners")}
+    if not bad:
+        return ["No corner's median error is above 2 px."]
+    named = "; ".join(
+        f"{name}: " + ", ".join(f"{k} ({'not claimed' if v is None else f'{v:.1f}'})" for k, v in corners.items()) for name, corners in bad.items()
+    )
+    return [f"Corners whose median error is above 2 px: {named}."]
+
+
+def user_table(clips: Mapping[str, Any]) -> list[str]:
+    """What simulated people did, a row a person; empty where there were none."""
+    rows: list[str] = []
+    for name, clip in clips.items():
+        for seed, policies in enumerate(clip.get("users", ())):
+            for policy, u in policies.items():
+                seconds = f"{float(np.median(u['seconds'])):.2f}" if u["seconds"] else ""
+                end = "satisfied" if u["satisfied"] else "refused" if u["stopped_by"] else "not satisfied"
+                rows.append(
+                    f"| {name} | {seed} | {policy} | {u['corrections']} | {u['looks']} | {u['within'][0]:.1f} | {u['within'][-1]:.1f} | {end} | {seconds} |"
+                )
+    head = "| clip | person | policy | corrections | looks | within 5 px before, % | after, % | | seconds a correction, median |"
+    return [head, "|---" * 9 + "|", *rows] if rows else []
+
+
+def curves(group: str, total: Mapping[str, Any]) -> str:
+    """An SVG diagram: the share of a group's corner-frames within so many pixels, ours and the baselines'."""
+    width, height, left, bottom, top, right = 640.0, 360.0, 48.0, 40.0, 16.0, 170.0
+    lines = {"planewright": total["ours"], **total.get("baselines", {})}
+    colours = ("#c33", "#247", "#283", "#a60", "#666")
+
+    def at(pixels: float, percent: float) -> tuple[float, float]:
+        return left + (width - left - right) * pixels / CURVE[-1], height - bottom - (height - top - bottom) * percent / 100.0
+
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" font-family="sans-serif" font-size="12">',
+        f'<rect width="{width:.0f}" height="{height:.0f}" fill="#fff"/>',
+    ]
+    for percent in (0, 25, 50, 75, 100):
+        (x0, y), (x1, _) = at(0, percent), at(CURVE[-1], percent)
+        parts.append(f'<path d="M{x0:.1f} {y:.1f}H{x1:.1f}" stroke="#ccc"/><text x="{x0 - 6:.1f}" y="{y + 4:.1f}" text-anchor="end">{percent}</text>')
+    for pixels in (1, 2, 5, 10):
+        x, y = at(pixels, 0)
+        parts.append(f'<path d="M{x:.1f} {y:.1f}V{top:.1f}" stroke="#eee"/><text x="{x:.1f}" y="{y + 16:.1f}" text-anchor="middle">{pixels}</text>')
+    for k, (name, figures) in enumerate(lines.items()):
+        path = "L".join(f"{x:.1f} {y:.1f}" for x, y in (at(pixels, share) for pixels, share in zip(CURVE, figures["curve"], strict=True)))
+        colour = colours[k % len(colours)]
+        parts.append(f'<path d="M{path}" fill="none" stroke="{colour}" stroke-width="{2.5 if k == 0 else 1.5}"/>')
+        parts.append(f'<text x="{width - right + 10:.1f}" y="{top + 20 + 18 * k:.1f}" fill="{colour}">{name}</text>')
+    title = f"{TITLES.get(group, group)}: % of visible corner-frames within so many pixels"
+    return "\n".join([*parts, f'<text x="{left:.1f}" y="{height - 6:.1f}">{title}</text></svg>']) + "\n"
 
 
 def together_of(claim: Claim, clips: list[float | None], pooled: float | None) -> float | None:

@@ -1,6 +1,6 @@
 """How well corners are followed: planewright beside plain ways to follow them, on the same frames and the same marks, against the truth.
 
-python -m benchmarks.tracks [NAME ...] [--group twin|hard|recorded] [--output DIR] [--users N] [--report FILE.md]
+python -m benchmarks.tracks [NAME ...] [--group twin|hard|recorded] [--output DIR] [--users N] [--from-scratch] [--no-baselines]
 
 Every claim is marked as kept or not; status 1 where one is not. Recorded clips with full truth stand among the twins; `recorded` are those marked by hand.
 """
@@ -19,7 +19,7 @@ from benchmarks.baselines import BASELINES, sweep
 from benchmarks.corners import corner_errors
 from benchmarks.run import in_fresh_process, reconstructed
 from benchmarks.simulated_user import SPOT, UserOptions, corrected_by_users
-from benchmarks.tables import tracks_report
+from benchmarks.tables import CURVE, tracks_report
 from benchmarks.workloads import Workload, recorded, rendered
 from benchmarks.workloads.workload import ClipFiles
 from planewright.sketch.read import read_sketch
@@ -57,8 +57,19 @@ def known_of(workload: Workload, files: ClipFiles) -> Known | None:
 
 def figures_of(found: Found, truth: Mapping[str, Any]) -> dict[str, Any]:
     """The figures of `score_tracks`, and the share of corners whose median error is at most 2 px."""
-    medians = np.array(list(corner_errors(found, truth).medians().values()))
-    return score_tracks(found, truth) | {"corners": len(medians), "good_corners_pct": 100.0 * float((medians <= SPOT).mean()) if len(medians) else None}
+    errors = corner_errors(found, truth)
+    medians = np.array(list(errors.medians().values()))
+    return score_tracks(found, truth) | {
+        "corners": len(medians),
+        "good_corners_pct": 100.0 * float((medians <= SPOT).mean()) if len(medians) else None,
+        "bad_corners": {corner: _number(median) for corner, median in errors.medians().items() if median > SPOT},
+        "curve": [round(errors.within(pixels), 2) for pixels in CURVE],
+    }
+
+
+def _number(value: float) -> float | None:
+    """Rounded; None where it is infinite, which JSON has no word for."""
+    return round(value, 2) if np.isfinite(value) else None
 
 
 def measure(workload: Workload, known: Known, folder: Path, options: argparse.Namespace) -> dict[str, Any]:
@@ -78,11 +89,13 @@ def measure(workload: Workload, known: Known, folder: Path, options: argparse.Na
     if options.baselines:
         figures["baselines"] = {name: figures_of(found, known.truth) for name, found in in_fresh_process(follow, known.files, folder).items()}
     if options.users and run["status"] == 0 and known.group != "recorded":
-        done = in_fresh_process(corrected_by_users, known.files, known.truth, options.users, UserOptions(from_scratch=options.from_scratch))
+        user = UserOptions(from_scratch=options.from_scratch)
+        done = in_fresh_process(corrected_by_users, known.files, known.truth, options.users, user)
         figures["users"] = done
-        figures["ours"]["corrections"] = float(np.median([d["worst first"]["corrections"] for d in done]))
-        listed = [d["list followed"]["corrections"] for d in done if d.get("list followed")]
-        figures["ours"]["corrections_listed"] = float(np.median(listed)) if listed else None
+        for key, policy in (("corrections", "worst first"), ("corrections_listed", "list followed")):
+            # Whoever gave up, or was shown nothing wrong though much was, counts as one who lost patience.
+            counts = [d[policy]["corrections"] if d[policy]["satisfied"] else user.patience for d in done if policy in d]
+            figures["ours"][key] = float(np.median(counts)) if counts else None
     return figures
 
 
@@ -146,7 +159,6 @@ def main() -> None:
     parser.add_argument("--no-baselines", dest="baselines", action="store_false", help="planewright alone")
     parser.add_argument("--users", type=int, default=0, metavar="N", help="let N simulated users correct each clip")
     parser.add_argument("--from-scratch", action="store_true", help="each correction is a new mark in the sketch and a run from the beginning")
-    parser.add_argument("--report", type=Path, help="write the table, the timings and the pictures' captions as a page of benchmarks/reports")
     args = parser.parse_args()
     workloads = chosen(args.names, args.group)
     missing = set(args.names) - {w.name for w in workloads}
@@ -167,12 +179,10 @@ def main() -> None:
         print(workload.name, results[workload.name]["status"], json.dumps(summary), results[workload.name]["said"] or "", flush=True)
         (args.output / "tracks.json").write_text(json.dumps({"clips": results}, indent=1) + "\n", encoding="utf-8")
     totals = {group: pooled(results, known, args.output, group) for group in dict.fromkeys(r["group"] for r in results.values())}
-    content = {"clips": results, "totals": totals}
+    content = {"clips": results, "totals": totals, "command": " ".join(["python -m benchmarks.tracks", *sys.argv[1:]])}
     (args.output / "tracks.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    page, kept = tracks_report(content, " ".join(["python -m benchmarks.tracks", *sys.argv[1:]]))
+    page, kept = tracks_report(content)
     (args.output / "tracks.md").write_text(page, encoding="utf-8")
-    if args.report:
-        args.report.write_text(page, encoding="utf-8")
     print(page)
     sys.exit(0 if kept else 1)
 

@@ -1,27 +1,30 @@
-"""The cartons, the hall, the desk and the library: as many planes and corners as they say, and a truth that the pictures show."""
+"""The five twins: as many planes and corners as they say, and a truth that the pictures show."""
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from planewright.arrays import Bool
-from planewright.synthetic import boxes, desktop, draw, hall, library, true_cameras, true_tracks, truth
+from planewright.synthetic import boxes, desktop, draw, hall, library, toy_house, true_cameras, true_tracks, truth
 from planewright.synthetic.clip import SyntheticClip
 from planewright.synthetic.observe import face_planes, main_frame
 from planewright.synthetic.score import close
 
 SIZE = (320, 180)
-TWINS = [boxes, hall, desktop, library]
-CLIPS = [boxes(30, SIZE), hall(35, SIZE), desktop(30, SIZE), library(30, SIZE)]
-COUNTS = {"boxes": (300, 11, 23), "hall": (350, 12, 38), "desktop": (150, 14, 36), "library": (500, 18, 41)}
+TWINS = [boxes, hall, toy_house, desktop, library]
+CLIPS = [boxes(30, SIZE), hall(35, SIZE), toy_house(30, SIZE), desktop(30, SIZE), library(30, SIZE)]
+COUNTS = {"boxes": (300, 11, 23), "hall": (350, 12, 38), "toy_house": (300, 18, 35), "desktop": (150, 14, 36), "library": (500, 18, 41)}
 NEAR_MISSES = {
-    "boxes": {("large_s", "upper_s"): 8.0, ("large_e", "upper_s"): 82.0},
-    "hall": {},
-    "desktop": {("desk", "speaker_top"): None, ("bezel", "speaker_s"): 13.0, ("bezel", "box_s"): 7.0},
-    "library": {("slope_s", "slope_n"): 84.0, ("front", "kiosk_s"): 9.0},
+    "boxes": {("large_s", "small_s"): 2.0, ("large_top", "upper_top"): 4.0, ("large_s", "upper_s"): 8.0, ("large_e", "upper_s"): 82.0},
+    "hall": {("left", "end"): 88.0, ("left", "sign"): 86.0, ("left", "pillar_front"): 82.0, ("left", "right"): None},
+    "toy_house": {("end", "far_gable"): 2.0, ("stack_e", "far_gable"): 4.0, ("wing_side", "far_gable"): 8.0, ("slope_s", "slope_n"): 84.0},
+    "desktop": {("desk", "speaker_top"): None, ("bezel", "tower_s"): 2.0, ("bezel", "box_s"): 4.0, ("bezel", "speaker_s"): 8.0},
+    "library": {("front", "tower_s"): 2.0, ("front", "low_s"): 4.0, ("front", "kiosk_s"): 8.0, ("slope_s", "slope_n"): 84.0},
 }
 """The angle that `near_misses` must give; None for a pair that is exactly related and must not be there."""
 
@@ -52,6 +55,8 @@ def test_corners_lie_on_their_planes_and_every_face_is_looked_at_from_outside(cl
         corners = clip.scene.corner_array([*face.loop, *(k for h in face.holes for k in h)])
         assert_allclose(corners @ n, d, atol=1e-12, err_msg=face.id)
         assert_allclose(clip.scene.surfaces[row].normal, n, atol=1e-12)
+        if face.id == "slope_n" and clip.name == "toy_house":
+            continue  # the far slope: its corners are seen, itself never
         assert (centers @ n - d).max() > 0.05 * clip.scene.diagonal, face.id
         assert row in drawn, face.id
 
@@ -100,6 +105,59 @@ def test_every_corner_is_marked_but_not_all_in_one_frame(make: Callable[..., Syn
     elsewhere = [k for k, frame in frames.items() if frame != main]
     assert 3 <= len(elsewhere) < 0.4 * len(frames)
     assert all(visible[row, frames[k]] for row, k in enumerate(clip.scene.points))
+
+
+@pytest.mark.parametrize("make", TWINS)
+def test_a_twin_is_filmed_as_a_hand_films(make: Callable[..., SyntheticClip]) -> None:
+    clip = make(60, SIZE)
+    options = clip.options
+    assert (options.noise, options.exposure_drift, options.crf, options.shutter, options.readout) == (2.0, 0.12, 23, 0.5, 0.0)
+    shake = np.array([clip.path.tremor.at(0.5 * k) for k in range(400)]).std(axis=0)
+    assert np.degrees(shake[3:]).min() > 0.4
+    assert shake[:3].min() > 0.002 * clip.scene.diagonal
+
+
+@each
+def test_a_twin_has_near_misses_of_two_four_and_eight_degrees(clip: SyntheticClip) -> None:
+    angles = [m["angle_deg"] for m in json.loads(json.dumps(truth(clip)))["near_misses"]]
+    off = {round(min(a, 90.0 - a), 2) for a in angles}
+    assert {2.0, 4.0, 8.0} <= off
+
+
+@each
+def test_one_face_is_open_and_its_missing_side_is_not_sketched(clip: SyntheticClip) -> None:
+    (face,) = (f for f in clip.scene.faces if f.open)
+    sketch = draw(clip, np.random.default_rng(0))
+    drawn = {frozenset(e) for e in sketch.edges}
+    assert frozenset((face.loop[-1], face.loop[0])) not in drawn
+    assert all(frozenset(e) in drawn for e in pairwise(face.loop))
+    assert [f.id for f in sketch.faces if f.open] == [face.id]
+
+
+@pytest.mark.parametrize("make", TWINS)
+def test_some_faces_are_hidden_in_the_main_frame(make: Callable[..., SyntheticClip]) -> None:
+    clip = make(100)
+    visible, _ = marked(clip)
+    order, main = list(clip.scene.points), main_frame(visible)
+    pose = true_cameras(clip).cam_from_world(main)
+    normals, offsets = face_planes(clip.scene)
+    away = normals @ (-pose.rotation.T @ pose.translation) < offsets
+    whole = np.array([visible[[order.index(k) for k in f.loop], main].all() for f in clip.scene.faces])
+    assert (away | ~whole).any()
+
+
+@each
+def test_the_background_is_as_textured_as_the_object(clip: SyntheticClip) -> None:
+    """Mean step from pixel to pixel on what is sketched, and on all that is not, over the clip."""
+    plain = replace(clip, options=replace(clip.options, noise=0.0)).renderer
+    sketched, other = [], []
+    for k in range(0, clip.num_frames, 5):
+        index, gray = clip.renderer.surface_index(k), plain.frame(k).astype(float).mean(axis=2)
+        thing = index < len(clip.scene.faces)
+        steps = np.abs(np.diff(gray, axis=1))
+        sketched.append(steps[thing[:, 1:] & thing[:, :-1]].mean())
+        other.append(steps[~thing[:, 1:] & ~thing[:, :-1]].mean())
+    assert np.mean(other) / np.mean(sketched) > 0.5
 
 
 def test_no_frame_shows_floor_ceiling_or_a_side_wall_of_the_hall_whole() -> None:

@@ -116,3 +116,12 @@ def test_it_stops_when_asked():
 
     with pytest.raises(Cancelled):
         follow_features(warped_clip(8), OPTIONS, progress=stop)
+
+
+def test_soft_features_live_on_when_their_shape_may_not_jump() -> None:
+    clip = warped_clip()
+    soft = 128 + 0.6 * cv2.GaussianBlur(clip.texture.astype(float) - 128, (0, 0), 5.0)
+    clip = WarpedClip(soft.astype(np.uint8), clip.frame_from_texture, clip.image_size)
+    free, held = (follow_features(clip, FollowOptions(shape_stiffness=stiffness, min_length=1)) for stiffness in (0.0, FollowOptions().shape_stiffness))
+    assert np.bincount(held.track_index).mean() > 2 * np.bincount(free.track_index).mean()
+    assert np.median(drift(clip, held)) < np.median(drift(clip, free)) + 0.05

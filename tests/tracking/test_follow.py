@@ -38,17 +38,17 @@ def test_corners_are_where_the_truth_is_and_the_covariance_says_how_well(shed, t
 
 def test_covariances_are_symmetric_and_positive_definite(tracks: Tracks) -> None:
     assert_allclose(tracks.covariance, tracks.covariance.transpose(0, 2, 1), atol=1e-12)
-    assert np.linalg.eigvalsh(tracks.covariance).min() > 0.3**2
+    assert np.linalg.eigvalsh(tracks.covariance).min() > 0.1**2
 
 
-def test_a_corner_that_the_model_knows_less_well_has_a_larger_covariance(shed, tracks: Tracks) -> None:
-    covariance = shed.scene.point_covariance.copy()
-    covariance[2] *= 900.0
-    vague = follow_corners(shed.frames, replace(shed.scene, point_covariance=covariance), shed.cameras)
-    size = [np.trace(vague.covariance[vague.point_index == i], axis1=1, axis2=2).mean() for i in range(len(covariance))]
-    before = [np.trace(tracks.covariance[tracks.point_index == i], axis1=1, axis2=2).mean() for i in range(len(covariance))]
-    assert size[2] > 1.3 * before[2]
-    assert_allclose(np.delete(size, 2), np.delete(before, 2), rtol=0.05)
+def test_a_corner_whose_edges_contradict_the_model_has_a_larger_covariance(shed, tracks: Tracks) -> None:
+    points = shed.scene.points.copy()
+    points[2] += 8e-3 * shed.clip.scene.diagonal
+    doubtful = follow_corners(shed.frames, replace(shed.scene, points=points), shed.cameras)
+    size = [np.trace(doubtful.covariance[doubtful.point_index == i], axis1=1, axis2=2).mean() for i in range(len(points))]
+    before = [np.trace(tracks.covariance[tracks.point_index == i], axis1=1, axis2=2).mean() for i in range(len(points))]
+    assert size[2] > 1.5 * before[2]
+    assert np.median(size) < 1.1 * np.median(before)
 
 
 def test_a_corner_that_is_off_by_what_the_model_says_is_put_right_by_the_lines_of_the_clip(shed) -> None:

@@ -1,5 +1,6 @@
 """One mark, obeyed: in space where that explains it, in the image where nothing does."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol, runtime_checkable
 
@@ -7,18 +8,19 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from planewright.arrays import Bool, Int
-from planewright.corrections.explanations import ExplainOptions, Explanation, explain
+from planewright.corrections.bridge import BridgeOptions, bridged, bridged_at_once, bridges, replaced
+from planewright.corrections.carry import CarryOptions, carry_tracks, fused_with_mark, joined, taken
+from planewright.corrections.explanations import ExplainOptions, Explanation, alone_at, explain, present_price
 from planewright.corrections.session import Mark, Model, Session, with_mark
 from planewright.errors import UsageError
 from planewright.planes.evidence import CornerMarks
 from planewright.planes.planar_scene import PlanarScene
 from planewright.progress import Progress, silent
-from planewright.refine.rounds import Structure
 from planewright.sketch.graph import PointId
 from planewright.tracking.follow import follow_corners
-from planewright.tracking.tracks import Tracks
+from planewright.tracking.tracks import State, Tracks
 
-Kind = Literal["moved", "solved", "bridged"]
+Kind = Literal["moved", "solved", "bridged", "noted"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,10 +31,16 @@ class CorrectionOptions:
     """Standard deviation of a correction an axis, pixels: people drag more carefully than they click."""
     contradiction: float = 13.8
     """A mark that the best explanation still misses by more than this (chi-square with two degrees of freedom, 0.1 %) contradicts the model."""
+    price_of_model: float = 60.0
+    """And so does one whose best explanation adds more than this to twice the cost: the mark would have to outweigh half a dozen things that agree."""
     first_frames: int = 30
     """Frames around the mark that are shown first."""
     explain: ExplainOptions = field(default_factory=ExplainOptions)
     """What may give way."""
+    carry: CarryOptions = field(default_factory=CarryOptions)
+    """How tracks follow the model."""
+    bridge: BridgeOptions = field(default_factory=BridgeOptions)
+    """How a mark acts in the image alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +49,8 @@ class Corrected:
 
     session: Session
     kind: Kind
-    """`moved`: the corner by itself, in all frames; `solved`: with its faces; `bridged`: in the image, between this mark and its neighbours."""
+    """`moved`: the corner by itself, in all frames; `solved`: with its faces; `bridged`: in the image, between this mark and its neighbours; `noted`: the
+    point has no track that could follow."""
     points: tuple[PointId, ...]
     """Whose tracks changed."""
     frames: Int[np.ndarray, "frames"]
@@ -70,7 +79,8 @@ def correct(
     """The session after one mark.
 
     The mark becomes part of the drawing. Where a model explains it, corner, faces and relations are solved again with it (incidences and enforced relations
-    stay exact), and what moved is followed again in all frames. Where nothing in the model explains it, it is obeyed in the image alone.
+    stay exact), and the tracks of what moved are carried along in all frames. Where nothing in the model explains it, or there is no model, it is obeyed
+    in the image alone. What shares neither a face nor an enforced relation with the corner's faces keeps its tracks bit by bit.
 
     Raises:
         UsageError: no such point, or no such frame.
@@ -78,23 +88,38 @@ def correct(
     """
     corner = session.row(mark.point)
     if mark.frame not in session.frames.numbers:
-        raise UsageError(f"Frame {mark.frame} does not take part.")
+        raise UsageError(f"Frame {mark.frame} does not take part. Choose one of {session.frames.numbers[0]} to {session.frames.numbers[-1]}.")
     if not np.isfinite(mark.xy).all():
         raise UsageError("A mark needs two finite coordinates.")
     marked = replace(session, sketch=with_mark(session.sketch, mark), marks=(*session.marks, mark))
-    if session.model is None or session.model.structure.basis is None:
-        raise UsageError("This kind of correction is not there yet.")
+    model = session.model
+    if model is not None:
+        structure = replace(model.structure, scene=replace(model.structure.scene, sketch=marked.sketch))
+        marked = replace(marked, model=replace(model, structure=structure))
     # Small dense matrices: with two threads on busy cores one explanation took 4 s in place of 40 ms.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _in_space(marked, session.model, corner, mark, options, preview, progress)
+        if marked.model is None or marked.model.structure.basis is None or marked.model.cameras.row(mark.frame) is None:
+            return _in_image(marked, corner, mark, options, preview, progress)
+        return _in_space(marked, marked.model, corner, mark, options, preview, progress)
+
+
+def settle(session: Session, *, progress: Progress = silent) -> Session:
+    """The session with all tracks followed again in all frames, as a run does it: a little more exact, and seconds of work. For when nobody waits.
+
+    Tracks that were bridged keep what the person said.
+    """
+    if session.model is None:
+        return session
+    model = session.model
+    fresh = follow_corners(session.frames, model.structure.scene, model.cameras, model.corners, progress=progress)
+    kept = taken(session.tracks, session.tracks.state == int(State.BRIDGED))
+    return replace(session, tracks=replaced(fresh, kept) if len(kept.frame) else fresh)
 
 
 def _in_space(session: Session, model: Model, corner: int, mark: Mark, options: CorrectionOptions, preview: Preview, progress: Progress) -> Corrected:
     structure, cameras = model.structure, model.cameras
     row = cameras.row(mark.frame)
-    assert structure.basis is not None
-    if row is None:
-        raise UsageError("This kind of correction is not there yet.")
+    assert structure.basis is not None and row is not None
     pose = np.column_stack([cameras.rotation[row], cameras.translation[row]])
     term = CornerMarks(
         np.array([corner]),
@@ -103,17 +128,46 @@ def _in_space(session: Session, model: Model, corner: int, mark: Mark, options: 
         np.array([options.mark_sigma]),
         np.ones(1, dtype=bool),
     )
-    progress("Correcting", 0, 3)
-    ranked = explain(structure.scene, structure.basis, structure.lines, structure.relations, corner, term, options.explain)
-    best = ranked[0]
-    progress("Correcting", 1, 3)
-    scene, moved = _scene_after(replace(structure.scene, sketch=session.sketch), best, corner)
-    changed = Structure(scene, structure.relations, structure.adjacency, structure.notes, best.basis, structure.lines, structure.anchor)
-    tracks, rows = _followed(session, replace(model, structure=changed), moved, mark, options, preview)
-    progress("Correcting", 3, 3)
-    after = replace(session, tracks=tracks, model=replace(model, structure=changed))
+    scene = structure.scene
+    if preview is not unseen:
+        guess = alone_at(scene, structure.basis, structure.lines, corner, term, options.explain)
+        if guess is not None:
+            near = replace(cameras, posed=cameras.posed & (np.abs(cameras.frame - mark.frame) <= options.first_frames // 2))
+            preview(carry_tracks(session.tracks, scene, *_scene_after(scene, guess, corner)[:1], near, np.arange(len(scene.points)) == corner, options.carry))
+    progress("Correcting", 0, 2)
+    ranked = explain(scene, structure.basis, structure.lines, structure.relations, corner, term, options.explain)
+    progress("Correcting", 1, 2)
+    best = ranked[0] if ranked else None
+    limit = options.contradiction * options.mark_sigma**2
+    if best is None or best.off**2 > limit or best.price - present_price(scene, structure.basis, options.explain) > options.price_of_model:
+        return _in_image(session, corner, mark, options, preview, progress, against=best)
+    after, moved = _scene_after(scene, best, corner)
+    rows = carry_tracks(session.tracks, scene, after, cameras, moved, options.carry)
+    rows = fused_with_mark(rows, corner, mark.frame, np.array(mark.xy), options.mark_sigma)
+    tracks = joined([taken(session.tracks, ~moved[session.tracks.point_index]), rows])
+    changed = replace(structure, scene=after, basis=best.basis, lines=tuple(line for line in structure.lines if line.edge not in best.edges))
+    final = replace(session, tracks=tracks, model=replace(model, structure=changed))
+    progress("Correcting", 2, 2)
     points = tuple(session.sketch.points[i].id for i in np.flatnonzero(moved))
-    return Corrected(after, "moved" if best.alone else "solved", points, rows, _told(session, best, corner))
+    return Corrected(final, "moved" if best.alone else "solved", points, np.unique(rows.frame), _told(session, best, corner))
+
+
+def _in_image(
+    session: Session, corner: int, mark: Mark, options: CorrectionOptions, preview: Preview, progress: Progress, against: Explanation | None = None
+) -> Corrected:
+    found = bridges(session, corner, mark, options.bridge)
+    if preview is not unseen:
+        preview(bridged_at_once(session, corner, mark, found, options.bridge))
+    rows = bridged(session, corner, mark, found, options.bridge, progress=progress)
+    after = replace(session, tracks=replaced(session.tracks, rows))
+    name = session.sketch.points[corner].id
+    frames = np.unique(rows.frame)
+    span = f"From frame {frames[0]} to {frames[-1]} the track follows your mark." if len(frames) > 1 else "Only this frame shows your mark."
+    sentences = [span]
+    if session.model is not None and session.model.structure.basis is not None:
+        sentences.insert(0, _contradiction(session, session.model, corner, mark, against))
+    kind: Kind = "bridged" if found else "noted"
+    return Corrected(after, kind, (name,), frames, tuple(sentences))
 
 
 def _scene_after(scene: PlanarScene, best: Explanation, corner: int) -> tuple[PlanarScene, Bool[np.ndarray, "points"]]:
@@ -140,39 +194,40 @@ def _scene_after(scene: PlanarScene, best: Explanation, corner: int) -> tuple[Pl
     )
 
 
-def _followed(
-    session: Session, model: Model, moved: Bool[np.ndarray, "points"], mark: Mark, options: CorrectionOptions, preview: Preview
-) -> tuple[Tracks, Int[np.ndarray, "frames"]]:
-    """The tracks with those of the moved corners followed again, and the frames in which they are."""
-    scene, cameras = model.structure.scene, model.cameras
-    near = np.abs(cameras.frame - mark.frame) <= options.first_frames // 2
-    if preview is not unseen:
-        preview(_of_points(follow_corners(session.frames, scene, replace(cameras, posed=cameras.posed & near), model.corners), moved))
-    new = _of_points(follow_corners(session.frames, scene, cameras, model.corners), moved)
-    return spliced(session.tracks, new, moved), np.unique(new.frame)
-
-
-def _of_points(tracks: Tracks, points: Bool[np.ndarray, "points"]) -> Tracks:
-    return _taken(tracks, points[tracks.point_index])
-
-
-def _taken(tracks: Tracks, rows: Bool[np.ndarray, "rows"]) -> Tracks:
-    return Tracks(tracks.point_index[rows], tracks.frame[rows], tracks.xy[rows], tracks.covariance[rows], tracks.state[rows])
-
-
-def spliced(old: Tracks, new: Tracks, points: Bool[np.ndarray, "points"]) -> Tracks:
-    """The tracks of `points` from `new`, all others from `old`, in their order."""
-    kept = _taken(old, ~points[old.point_index])
-    order = np.lexsort((np.concatenate([kept.frame, new.frame]), np.concatenate([kept.point_index, new.point_index])))
-    return Tracks(
-        np.concatenate([kept.point_index, new.point_index])[order],
-        np.concatenate([kept.frame, new.frame])[order],
-        np.concatenate([kept.xy, new.xy])[order],
-        np.concatenate([kept.covariance, new.covariance])[order],
-        np.concatenate([kept.state, new.state])[order],
-    )
-
-
 def _told(session: Session, best: Explanation, corner: int) -> tuple[str, ...]:
-    name = session.sketch.points[corner].id
-    return (f"Corner {name} was moved in its faces, in all frames." if best.alone else f"Corner {name} and its faces were solved again.",)
+    """What was done, in words."""
+    sketch = session.sketch
+    name = sketch.points[corner].id
+    out = [f"Corner {name} was moved by itself, in all frames." if best.alone else f"Corner {name} was solved again with its faces, in all frames."]
+    if best.faces:
+        out.append(f"What had been measured on {_listed([sketch.faces[f].id for f in best.faces])} did not agree with your marks and was left out.")
+    if best.edges:
+        ends = [f"{sketch.points[a].id}-{sketch.points[b].id}" for a, b in best.edges]
+        out.append(f"The line that had been taken for {_listed(ends)} did not agree with your mark and was left out.")
+    if best.click:
+        out.append(f"The first mark of {name} did not agree with this one and was left out.")
+    return tuple(out)
+
+
+def _contradiction(session: Session, model: Model, corner: int, mark: Mark, against: Explanation | None) -> str:
+    """What a mark is at odds with, in words."""
+    name, scene = session.sketch.points[corner].id, model.structure.scene
+    row = model.cameras.row(mark.frame)
+    if row is None:
+        return f"Frame {mark.frame} has no camera, so the model cannot tell where {name} is there."
+    if not scene.point_known[corner]:
+        return f"Corner {name} has no place in space yet. Mark it in one more frame that was filmed from elsewhere."
+    in_cam = model.cameras.cam_from_world(row).apply(scene.points[corner][None])
+    seen = model.cameras.intrinsics.pinhole().project(in_cam)[0]
+    off = float(np.linalg.norm(seen - session.straight(mark.frame, mark.xy)))
+    assert model.structure.basis is not None
+    incidences = model.structure.basis.incidences
+    faces = [session.sketch.faces[f].id for f in np.unique(incidences[incidences[:, 1] == corner, 0])]
+    where = f"where {_listed(faces)} meet" if len(faces) > 1 else f"where the model has it on {faces[0]}" if faces else "where the model has it"
+    cure = f"Move the mark, or take {name} out of one of them" if len(faces) > 1 else "Move the mark"
+    del against
+    return f"Corner {name} is not {where}: {off:.1f} px off in frame {mark.frame}. {cure}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

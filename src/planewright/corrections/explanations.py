@@ -5,12 +5,13 @@ faces was measured on something else, and the face moves with all its corners; o
 explanation leaves out the evidence that it calls wrong, at a price, and the cheapest one wins.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from planewright.arrays import Bool, Float, Int
+from planewright.optim.losses import cauchy
 from planewright.planes.basis import Basis
 from planewright.planes.evidence import CornerLines, CornerMarks, CornerPriors, Evidence, PlanePoints
 from planewright.planes.held import Held
@@ -54,6 +55,8 @@ class Explanation:
     """Faces whose measured plane was left out."""
     click: bool
     """The corner's own earlier clicks were left out."""
+    off: float
+    """How far the corner still is from the mark, pixels."""
 
 
 def start_from(scene: PlanarScene) -> PlanarStart:
@@ -91,6 +94,7 @@ def explain(
     row = scene.point_row()
     drawn = {(f, row[c]) for f, face in enumerate(scene.sketch.faces) for c in face.corners}
     drawn_on = np.array([(f, c) in drawn for f, c in basis.incidences.tolist()], dtype=bool)
+    whole = _price_now(start, basis, options)
     found: list[Explanation] = []
 
     def solve(held: Held, left: tuple[tuple[int, int], ...], planes: tuple[int, ...] = (), click: bool = False) -> None:
@@ -100,8 +104,10 @@ def explain(
             begin, stands.incidences, stands.evidence, stands.constraints, options.structure, scale=EvidenceScale(*stands.scale), held=held
         )
         if solution.feasible:
-            price = 2.0 * solution.cost + options.price_of_edge * len(left) + options.price_of_plane * len(planes) + options.price_of_click * click
-            found.append(Explanation(solution, stands, held, price, held is alone, left, planes, click))
+            # What is left out fitted before, and would fit whatever it was measured on: it saves nothing to leave it out.
+            fitted = whole - _price_now(start, replace(stands, evidence=_without_mark(stands.evidence)), options)
+            price = 2.0 * solution.cost + fitted + options.price_of_edge * len(left) + options.price_of_plane * len(planes) + options.price_of_click * click
+            found.append(Explanation(solution, stands, held, price, held is alone, left, planes, click, _off(solution, mark, corner)))
 
     solve(nearby, ())
     if edges:
@@ -114,6 +120,13 @@ def explain(
     if len(faces) > 1:
         solve(nearby, edges, tuple(faces))
     return sorted(found, key=lambda explanation: explanation.price)
+
+
+def _without_mark(evidence: Evidence) -> Evidence:
+    """Without the last mark, which is the one to be explained."""
+    marks = evidence.marks
+    firm = None if marks.firm is None else marks.firm[:-1]
+    return replace(evidence, marks=CornerMarks(marks.corner[:-1], marks.projection[:-1], marks.xy[:-1], marks.sigma[:-1], firm))
 
 
 def slide(scene: PlanarScene, corner: int) -> Held:
@@ -264,9 +277,44 @@ def _without(
     )
 
 
-def residuals(solution: StructureSolution, marks: CornerMarks, corner: int) -> Iterator[tuple[int, Float[np.ndarray, "2"]]]:
-    """Row and pixels off, of every firm mark of a corner."""
-    firm: Int[np.ndarray, "firm"] = np.flatnonzero(_firm(marks) & (marks.corner == corner))
-    for row in firm.tolist():
-        seen = marks.projection[row] @ np.append(solution.points[corner], 1.0)
-        yield row, seen[:2] / seen[2] - marks.xy[row]
+def _off(solution: StructureSolution, mark: CornerMarks, corner: int) -> float:
+    seen = mark.projection[0] @ np.append(solution.points[corner], 1.0)
+    return float(np.linalg.norm(seen[:2] / seen[2] - mark.xy[0])) if seen[2] > 0 else float("inf")
+
+
+def alone_at(
+    scene: PlanarScene, basis: Basis, lines: Sequence[EdgeLine], corner: int, mark: CornerMarks, options: ExplainOptions = ExplainOptions()
+) -> Explanation | None:
+    """The corner by itself, slid to the mark: one small solution, for a first answer."""
+    edges = tuple(sorted({line.edge for line in lines if corner in line.edge}))
+    stands = without_edges(with_marks(basis, mark), lines, edges)
+    held = slide(scene, corner)
+    solution = solve_structure(
+        start_from(scene), stands.incidences, stands.evidence, stands.constraints, options.structure, scale=EvidenceScale(*stands.scale), held=held
+    )
+    if not solution.feasible:
+        return None
+    return Explanation(solution, stands, held, 2.0 * solution.cost, True, edges, (), False, _off(solution, mark, corner))
+
+
+def present_price(scene: PlanarScene, basis: Basis, options: ExplainOptions = ExplainOptions()) -> float:
+    """Twice the cost of the scene as it is."""
+    return _price_now(start_from(scene), basis, options)
+
+
+def _price_now(now: PlanarStart, basis: Basis, options: ExplainOptions) -> float:
+    """The same, of any values; evidence about what is not known costs nothing."""
+    evidence, scale = basis.evidence, EvidenceScale(*basis.scale)
+    points, marks, lines, priors = evidence.plane_points, evidence.marks, evidence.lines, evidence.priors
+    seen = np.einsum("tij,tj->ti", marks.projection[:, :, :3], now.points[marks.corner]) + marks.projection[:, :, 3]
+    depth = np.where(seen[:, 2:] > 1e-12, seen[:, 2:], np.inf)
+    away = np.einsum("tij,tj->ti", priors.whitening, now.points[priors.corner] - priors.mean)
+    squares = (
+        (now.face_known[points.face], (((now.normals[points.face] * points.point).sum(axis=1) - now.offsets[points.face]) / points.sigma) ** 2),
+        (now.point_known[marks.corner] & ~_firm(marks), (((seen[:, :2] / depth - marks.xy) / marks.sigma[:, None]) ** 2).sum(axis=1)),
+        (now.point_known[lines.corner], (((lines.direction * now.points[lines.corner]).sum(axis=1) - lines.offset) / lines.sigma) ** 2),
+        (now.point_known[priors.corner], (away**2).sum(axis=1)),
+    )
+    total = sum(float(cauchy(square[known] / factor**2, options.structure.loss_scale)[0].sum()) for (known, square), factor in zip(squares, scale, strict=True))
+    firm = now.point_known[marks.corner] & _firm(marks)
+    return total + float((((seen[firm, :2] / depth[firm] - marks.xy[firm]) / (scale.marks * marks.sigma[firm, None])) ** 2).sum())

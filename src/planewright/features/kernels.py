@@ -11,7 +11,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def align_patches(image, templates, steepest, inverse_hessians, offsets, weights, affine, centre, zncc, start, stop, max_iterations):
+def align_patches(image, templates, steepest, inverse_hessians, offsets, weights, stiffness, affine, centre, zncc, start, stop, max_iterations):
     """Register patches `start` to `stop` to `image`, in place: inverse-compositional Gauss-Newton on 6 affine, 1 gain and 1 bias parameter.
 
     Baker and Matthews, "Lucas-Kanade 20 years on" (2004), section 3.2, with the gain and bias of Bartoli's dual parametrization left to right.
@@ -22,6 +22,7 @@ def align_patches(image, templates, steepest, inverse_hessians, offsets, weights
         steepest: (n, 2, pixels) float32, x and y gradient of the birth patch.
         inverse_hessians: (n, 8, 8) of the parameters (a00, a01, a10, a11, tx, ty, gain, bias).
         offsets: (pixels, 2) of the patch's pixels from its centre. weights: (pixels,).
+        stiffness: weight, in grey levels squared, of a departure of the affine shape from the one it starts with; the inverse Hessians know it too.
         affine: (n, 2, 2), current from birth; read as a start, overwritten. centre: (n, 2) likewise, pixels with centres at integers.
         zncc: (n,) overwritten with the weighted correlation of patch and image; -1 where the patch leaves the image or the step fails.
     """
@@ -32,6 +33,12 @@ def align_patches(image, templates, steepest, inverse_hessians, offsets, weights
     for i in range(start, stop):
         a00, a01, a10, a11 = affine[i, 0, 0], affine[i, 0, 1], affine[i, 1, 0], affine[i, 1, 1]
         cx, cy = centre[i, 0], centre[i, 1]
+        det = a00 * a11 - a01 * a10
+        if det < 1e-6:
+            zncc[i] = -1.0
+            continue
+        # Rows of the inverse of the shape at the start: what has changed since is that times the shape now, less the identity.
+        s00, s01, s10, s11 = a11 / det, -a01 / det, -a10 / det, a00 / det
         gain, bias = 1.0, 0.0
         inside = True
         done = False
@@ -87,6 +94,11 @@ def align_patches(image, templates, steepest, inverse_hessians, offsets, weights
                 b[5] += ey
                 b[6] += e * templates[i, k]
                 b[7] += e
+            pull = stiffness * gain
+            b[0] += pull * (s00 * a00 + s01 * a10 - 1.0)
+            b[1] += pull * (s00 * a01 + s01 * a11)
+            b[2] += pull * (s10 * a00 + s11 * a10)
+            b[3] += pull * (s10 * a01 + s11 * a11 - 1.0)
             d = np.zeros(6)
             for m in range(6):
                 s = 0.0

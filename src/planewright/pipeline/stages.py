@@ -14,6 +14,7 @@ from planewright.progress import Progress, silent
 from planewright.refine.rounds import RefineOptions, Structure
 from planewright.registration.follow import RegistrationOptions, follow_faces
 from planewright.registration.grid import face_features
+from planewright.sfm.cameras import Cameras
 from planewright.sfm.solve import Refused, SfmOptions, Solved, solve_cameras
 from planewright.sketch.checks import check_sketch
 from planewright.sketch.faces import find_faces
@@ -108,7 +109,20 @@ def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: St
     if isinstance(third, Refused):
         also = "" if second.code == first.code else f" The drawn faces by themselves do not tell either: {second.reason}"
         raise GeometryError(first.reason + also)
+    third = replace(third, cameras=widened_focal(third.cameras, POINTS_OF_A_FACE_SAY))
     return Filmed(third, (f"The cameras come from the drawn faces, followed as wholes, for their features are too few: {second.reason}",))
+
+
+POINTS_OF_A_FACE_SAY = 3.2
+"""Forty points of a face, 80 coordinates, are read off 8 numbers: the focal length is known the square root of that ratio worse than they pretend."""
+
+
+def widened_focal(cameras: Cameras, factor: float) -> Cameras:
+    """The same cameras with that much less trust in their focal length."""
+    focal, (low, high) = cameras.intrinsics.focal, cameras.focal_interval
+    # The interval is wider upwards: what it spans in ratios grows alike on both sides, and stays above nothing.
+    wide = (focal * (low / focal) ** factor, None if high is None else focal * (high / focal) ** factor)
+    return replace(cameras, focal_sigma=factor * cameras.focal_sigma, focal_interval=wide)
 
 
 def face_regions(sketch: Sketch) -> Mapping[int, Sequence[Float[np.ndarray, "_corners 2"]]]:

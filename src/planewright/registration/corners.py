@@ -22,9 +22,9 @@ class CornerTrackOptions:
 
     click_sigma: float = 1.0
     """Standard deviation of a mark along an axis, pixels."""
-    line_sigma: float = 0.3
+    line_sigma: float = 0.55
     """Least standard deviation of where an edge runs against the face's pixels, pixels: a parallel line beside it is a bias that no frame takes away."""
-    floor: float = 0.15
+    floor: float = 0.2
     """Error of a registration that its own covariance does not know, pixels."""
     gate: float = 13.8
     """Square of the distance, in sigmas, beyond which a second face of a corner is not believed: one in a thousand is further by chance."""
@@ -36,6 +36,8 @@ class CornerTrackOptions:
     """Probability that one frame's evidence for that is right."""
     min_lines: int = 5
     """Frames in which an edge must be found to say where the corner is."""
+    predicted_sigma: float = 4.0
+    """Corners of faces that were not found are predicted when they are known this well, pixels, and else hidden."""
     margin: float = 0.25
     """Positions outside the image are given up to this share of its size away."""
     smooth: SmoothOptions = field(default_factory=SmoothOptions)
@@ -67,8 +69,9 @@ def corner_tracks(registered: Registered, sketch: Sketch, options: CornerTrackOp
     support = np.full((num_points, num_frames), -1.0)
     guess = np.full((num_points, num_frames, 2), np.nan)
     guess_covariance = np.full((num_points, num_frames, 2, 2), np.nan)
+    every = place_corners(registered, sketch, options)
     for s in _by_trust(registered):
-        placed = place_corners(registered, s, sketch, options)
+        placed = every[s]
         h, p = registered.homography[s], registered.covariance[s]
         known = np.isfinite(h[:, 2, 2])
         if not known.any() or not len(placed.point):
@@ -119,50 +122,72 @@ def _local_support(support: Float[np.ndarray, "frames cells"], cell: int) -> Flo
     return np.where(count > 0, np.nansum(grid, axis=1) / np.maximum(count, 1), -1.0)
 
 
-def place_corners(registered: Registered, s: int, sketch: Sketch, options: CornerTrackOptions = CornerTrackOptions()) -> PlacedCorners:
-    """Where the corners of a strand's face are on it, from the marks and from the lines at the drawn edges."""
-    strand = registered.strands[s]
+def place_corners(registered: Registered, sketch: Sketch, options: CornerTrackOptions = CornerTrackOptions()) -> tuple[PlacedCorners, ...]:
+    """Where the corners of each strand's face are on it, from the marks and from the lines at the drawn edges.
+
+    In the frame in which it was marked a corner is one place for all its faces: its mark and the lines of all of them meet there.
+    """
     row = {point.id: i for i, point in enumerate(sketch.points)}
     column = {int(n): k for k, n in enumerate(registered.frame)}
-    lines = edge_lines(registered, s, options)
-    points: list[int] = []
-    places: list[Float[np.ndarray, "2"]] = []
-    spreads: list[Float[np.ndarray, "2 2"]] = []
-    scale = strand.h[0, 0]  # pixels of the first frame in a unit of face coordinates
-    at = {int(i): c for c, i in enumerate(strand.corners)}
-    for corner in sketch.faces[strand.face].corners:
-        i = row[corner]
-        information, pull = np.zeros((2, 2)), np.zeros(2)
-        for frame, mark in sorted(sketch.points[i].marks.items()):
-            k = column.get(frame)
-            if k is None or not registered.found[s, k]:
-                continue
-            h, p = registered.homography[s, k], registered.covariance[s, k]
-            q = apply_homography(np.linalg.inv(h), np.array([mark], dtype=np.float64) - 0.5)
-            j, d = point_jacobian(h, q)[0], change_jacobian(h, q)[0]
-            if not np.isfinite(j).all():
-                continue
-            info = j.T @ np.linalg.inv(options.click_sigma**2 * np.eye(2) + d @ p @ d.T) @ j
-            information += info
-            pull += info @ q[0]
-        if not information.any():
-            continue
-        if i in at:
-            for e in np.nonzero((strand.edges == at[i]).any(axis=1))[0]:
-                offset, sigma = lines
-                if not np.isfinite(sigma[e]):
+    lines = _lines_at_corners(registered, options)
+    placed: list[PlacedCorners] = []
+    for s, strand in enumerate(registered.strands):
+        points: list[int] = []
+        places: list[Float[np.ndarray, "2"]] = []
+        spreads: list[Float[np.ndarray, "2 2"]] = []
+        for corner in sketch.faces[strand.face].corners:
+            i = row[corner]
+            information, pull = np.zeros((2, 2)), np.zeros(2)
+            for frame, mark in sorted(sketch.points[i].marks.items()):
+                k = column.get(frame)
+                if k is None or not registered.found[s, k]:
                     continue
+                h, p = registered.homography[s, k], registered.covariance[s, k]
+                at = np.array(mark, dtype=np.float64) - 0.5
+                q = apply_homography(np.linalg.inv(h), at[None])
+                j, d = point_jacobian(h, q)[0], change_jacobian(h, q)[0]
+                if not np.isfinite(j).all():
+                    continue
+                seen, away = np.linalg.inv(options.click_sigma**2 * np.eye(2) + d @ p @ d.T), np.zeros(2)
+                if frame == strand.frame:
+                    for normal, offset, sigma in lines.get((frame, i), ()):
+                        seen = seen + np.outer(normal, normal) / sigma**2
+                        away = away + normal * offset / sigma**2
+                information += j.T @ seen @ j
+                pull += j.T @ (seen @ j @ q[0] + away)
+            if information.any():
+                points.append(i)
+                spreads.append(np.linalg.inv(information))
+                places.append(spreads[-1] @ pull)
+        count = len(points)
+        placed.append(PlacedCorners(np.array(points, dtype=np.int64), np.array(places).reshape(count, 2), np.array(spreads).reshape(count, 2, 2)))
+    return tuple(placed)
+
+
+_Line = tuple[Float[np.ndarray, "2"], float, float]
+"""Normal in the image, offset from the mark along it and its sigma, pixels."""
+
+
+def _lines_at_corners(registered: Registered, options: CornerTrackOptions) -> dict[tuple[int, int], list[_Line]]:
+    """(Frame, point) -> the lines of all faces drawn in that frame at that point; an edge of two faces counts once, by the mean of both."""
+    found: dict[tuple[int, int, int], list[_Line]] = {}
+    for s, strand in enumerate(registered.strands):
+        offset, sigma = edge_lines(registered, s, options)
+        for e in np.nonzero(np.isfinite(sigma))[0]:
+            for end in (0, 1):
+                here, there = (int(strand.corners[strand.edges[e, side]]) for side in (end, 1 - end))
                 a, b = strand.q[strand.edges[e]]
-                n = np.array([-(b - a)[1], (b - a)[0]]) / np.linalg.norm(b - a)
-                # face coordinates: the edge as drawn, moved along its normal
-                value = n @ strand.q[at[i]] + offset[e, int(strand.edges[e, 1] == at[i])] / scale
-                information += np.outer(n, n) * (scale / sigma[e]) ** 2
-                pull += n * value * (scale / sigma[e]) ** 2
-        points.append(i)
-        spreads.append(np.linalg.inv(information))
-        places.append(spreads[-1] @ pull)
-    count = len(points)
-    return PlacedCorners(np.array(points, dtype=np.int64), np.array(places).reshape(count, 2), np.array(spreads).reshape(count, 2, 2))
+                # One sense for the edge, whichever way a face's loop runs.
+                sense = 1.0 if strand.corners[strand.edges[e, 0]] < strand.corners[strand.edges[e, 1]] else -1.0
+                normal = sense * np.array([-(b - a)[1], (b - a)[0]]) / np.linalg.norm(b - a)
+                found.setdefault((strand.frame, here, there), []).append((normal, sense * float(offset[e, end]), float(sigma[e])))
+    lines: dict[tuple[int, int], list[_Line]] = {}
+    for (frame, here, _), some in sorted(found.items(), key=lambda item: item[0]):
+        weight = np.array([1.0 / sigma**2 for _, _, sigma in some])
+        offset = float(np.average([o for _, o, _ in some], weights=weight))
+        apart = max(abs(o - offset) for _, o, _ in some)
+        lines.setdefault((frame, here), []).append((some[0][0], offset, float(np.hypot(1.0 / np.sqrt(weight.max()), apart))))
+    return lines
 
 
 def edge_lines(registered: Registered, s: int, options: CornerTrackOptions) -> tuple[Float[np.ndarray, "edges 2"], Float[np.ndarray, "edges"]]:
@@ -242,7 +267,9 @@ def _table(
         xy = np.where(seen[:, None], moved, xy) + 0.5
         inside = known & (np.nan_to_num(xy, nan=-1.0) >= 0).all(axis=1) & (np.nan_to_num(xy, nan=1e9) < size).all(axis=1)
         visible = visible_frames(np.where(seen, np.where(support[i] < 0, options.min_support, support[i]), 0.0) >= options.min_support, options) & inside & seen
-        state = np.where(visible, int(State.TRACKED), np.where(inside, int(State.HIDDEN), int(State.PREDICTED)))
+        # A face that was not found may be hidden, or only not recognised: while its corners are known well they are predicted.
+        well = ~seen & (np.nan_to_num(np.trace(covariance, axis1=1, axis2=2), nan=np.inf) < 2 * options.predicted_sigma**2)
+        state = np.where(visible, int(State.TRACKED), np.where(inside & ~well, int(State.HIDDEN), int(State.PREDICTED)))
         near = known & (np.nan_to_num(xy, nan=-1e9) > -room).all(axis=1) & (np.nan_to_num(xy, nan=1e9) < size + room).all(axis=1)
         for k, n in enumerate(registered.frame):
             if int(n) in point.marks and near[k] and inside[k]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from planewright.arrays import Float, GrayImage, Int, Mat3
+from planewright.arrays import Bool, Float, GrayImage, Int, Mat3
 from planewright.progress import Progress, silent
 from planewright.registration.homography import apply_homography, change_jacobian, changed, point_jacobian
 from planewright.registration.kernels import align_face, find_lines
@@ -33,8 +33,8 @@ class RegistrationOptions:
     """Of the flow, pixels."""
     flow_sigma: float = 0.7
     """Of one point's flow along an axis, pixels; neighbours err together, so their number counts for a third."""
-    neighbour_sigma: float = 2.0
-    """Error a frame of a corner whose motion is taken from the faces around, pixels."""
+    neighbour_sigma: float = 1.0
+    """Error a frame of a corner whose motion is taken from the faces around, pixels. Such errors have one sense: over frames they add up, not their squares."""
     neighbourhood: float = 0.15
     """Reach of that motion, as a share of the image's longer side."""
     lost_sigma: float = 25.0
@@ -45,12 +45,22 @@ class RegistrationOptions:
     """Neighbouring pixels of a frame that count as one: what its smoothing correlates (4 pi sigma^2)."""
     sure_sigma: float = 1.0
     """Pixels; faces known better than this are registered first, and hold those beside them by the corners they share."""
-    shared_sigma: float = 1.5
-    """How far a corner of one face may be from the same corner of another, pixels: a click beside it is another place on each of them."""
+    click_sigma: float = 1.2
+    """Of the marks along an axis, pixels: a click beside a corner is another place on each of its faces, and these part as the view changes."""
+    shared_sigma: float = 0.7
+    """What is left of the distance between a corner on one face and on another, pixels: faces are not quite plane."""
     iterations: int = 12
     """Of the registration, on each level."""
     min_correlation: float = 0.7
     """With the template, of the pixels that agree; less is asked of a face whose contrast drowns in noise."""
+    max_residual: float = 0.35
+    """Largest standard deviation of the pixels from the template, in standard deviations of the template, besides three `grey_sigma`."""
+    again_correlation: float = 0.85
+    """`min_correlation` for a face that was lost."""
+    again_residual: float = 0.25
+    """`max_residual` for a face that was lost."""
+    settled: int = 5
+    """Frames in a row in which a face must be found before a template is made of it."""
     min_weight: float = 0.4
     """Mean Tukey weight of the pixels in the image."""
     max_jump: float = 8.0
@@ -73,7 +83,7 @@ class RegistrationOptions:
     """Weakest step across an edge that counts, grey levels over one pixel."""
     min_share: float = 0.5
     """Of an edge's samples that must lie on one line."""
-    line_sigma: float = 0.25
+    line_sigma: float = 0.5
     """Least standard deviation of a line's end against the line in the first frame, pixels."""
 
 
@@ -111,6 +121,7 @@ class _Follower:
         self.points: list[Float[np.ndarray, "points 2"]] = [np.zeros((0, 2)) for _ in strands]
         self.seed_lines: list[Float[np.ndarray, "edges 4"]] = [np.zeros((0, 4)) for _ in strands]
         self.missed = np.zeros(s, np.int64)
+        self.run = np.zeros(s, np.int64)
         self.refuted = np.zeros(s, np.int64)
 
     def registered(self) -> Registered:
@@ -142,7 +153,7 @@ class _Follower:
             others = np.array(self.numbers) != self.strands[s].frame
             self.found[s, others] = False
             self.h[s, others] = np.nan
-            self.correlation[s, others], self.support[s, others], self.lines[s, others] = 0.0, np.nan, np.nan
+            self._forget(int(s), others)
 
     def _read(self, span: range, chunk: int = 24) -> Iterator[tuple[int, GrayImage]]:
         """Frames in the order of the span, a chunk in memory at a time when it goes backwards."""
@@ -185,7 +196,8 @@ class _Follower:
             self._agree(k, set(some))
         for s in todo:
             self.missed[s] = 0 if self.found[s, k] else self.missed[s] + 1
-            if self.found[s, k]:
+            self.run[s] = self.run[s] + 1 if self.found[s, k] else 0
+            if self.run[s] >= o.settled:
                 self._maybe_add_template(s, k, levels)
 
     def _bear(self, s: int, k: int, gray: GrayImage, levels: Sequence[Level]) -> None:
@@ -240,8 +252,8 @@ class _Follower:
         for s in todo:
             h, p = self.h[s, j], self.p[s, j]
             own = np.nonzero(of == s)[0]
-            change, spread = None, None
-            if self.found[s, j] and len(own) >= 6:
+            own_flow = bool(self.found[s, j]) and len(own) >= 6
+            if own_flow:
                 q = apply_homography(np.linalg.inv(h), start[own])
                 change, spread = _fit_change(h, q, moved[own], o.flow_sigma)
             elif len(start):
@@ -254,6 +266,9 @@ class _Follower:
             if not self._worth(guess):
                 continue
             covariance = p + spread
+            if not own_flow:
+                before = max(_worst_corner(h, p), 0.1)
+                covariance = p * (1 + 2 * o.neighbour_sigma / before) + spread
             if _worst_corner(guess, covariance) > o.lost_sigma:
                 continue
             if np.isfinite(self.h[s, k, 2, 2]) and _worst_corner(self.h[s, k], self.p[s, k]) < _worst_corner(guess, covariance):
@@ -269,16 +284,26 @@ class _Follower:
                 if len(a):
                     yield other, a, b
 
+    def _parting(self, s: int, other: int, k: int, a: Int[np.ndarray, "shared"], b: Int[np.ndarray, "shared"]) -> Float[np.ndarray, "shared 2 2"]:
+        """Covariance of the distance between the shared corners of two strands in column k, their own and that of the marks."""
+        o, mine, theirs = self.options, self.strands[s], self.strands[other]
+        d = change_jacobian(self.h[other, k], theirs.q[b])
+        # Pixels of this frame by pixels of the first, on either face.
+        first = point_jacobian(self.h[s, k], mine.q[a]) @ np.linalg.inv(point_jacobian(mine.h, mine.q[a]))
+        second = point_jacobian(self.h[other, k], theirs.q[b]) @ np.linalg.inv(point_jacobian(theirs.h, theirs.q[b]))
+        apart = first - second
+        own = np.einsum("cij,jk,clk->cil", d, self.p[other, k], d)
+        return own + o.click_sigma**2 * apart @ apart.transpose(0, 2, 1) + o.shared_sigma**2 * np.eye(2)
+
     def _hold(self, s: int, k: int) -> None:
         """A prediction improved by the corners that the strand shares with those already found in this frame."""
         h, p = self.h[s, k], self.p[s, k]
         information, pull = np.linalg.inv(p + 1e-10 * np.eye(8)), np.zeros(8)
         for other, a, b in self._shared(s, k):
-            there, q = apply_homography(self.h[other, k], self.strands[other].q[b]), self.strands[s].q[a]
-            d = change_jacobian(self.h[other, k], self.strands[other].q[b])
-            spread = np.einsum("cij,jk,clk->cil", d, self.p[other, k], d) + self.options.shared_sigma**2 * np.eye(2)
-            away, j = there - apply_homography(h, q), change_jacobian(h, q)
-            if not np.isfinite(away).all():
+            q = self.strands[s].q[a]
+            away, j = apply_homography(self.h[other, k], self.strands[other].q[b]) - apply_homography(h, q), change_jacobian(h, q)
+            spread = self._parting(s, other, k, a, b)
+            if not (np.isfinite(away).all() and np.isfinite(spread).all()):
                 continue
             # Cauchy weights: a shared corner that is far off says that one of the two is wrong, not which.
             mine = np.einsum("cij,jk,clk->cil", j, p, j) + spread
@@ -299,19 +324,18 @@ class _Follower:
             for other, a, b in self._shared(s, k):
                 if worst[other] > worst[s]:
                     continue
-                mine, theirs = apply_homography(self.h[s, k], self.strands[s].q[a]), apply_homography(self.h[other, k], self.strands[other].q[b])
-                j, d = change_jacobian(self.h[s, k], self.strands[s].q[a]), change_jacobian(self.h[other, k], self.strands[other].q[b])
-                spread = np.einsum("cij,jk,clk->cil", j, self.p[s, k], j) + np.einsum("cij,jk,clk->cil", d, self.p[other, k], d)
-                spread += self.options.shared_sigma**2 * np.eye(2)
-                away = mine - theirs
+                away = apply_homography(self.h[s, k], self.strands[s].q[a]) - apply_homography(self.h[other, k], self.strands[other].q[b])
+                j = change_jacobian(self.h[s, k], self.strands[s].q[a])
+                spread = np.einsum("cij,jk,clk->cil", j, self.p[s, k], j) + self._parting(s, other, k, a, b)
                 if (np.einsum("ci,cij,cj->c", away, np.linalg.inv(spread), away) > 13.8).any():
                     self.found[s, k] = False
                     self.refuted[s] += 1
-                    self.correlation[s, k] = 0.0
-                    self.support[s, k] = np.nan
-                    self.lines[s, k] = np.nan
-                    self.p[s, k] += np.linalg.inv(_corner_information(self.h[s, k], 2 * self.options.shared_sigma))
+                    self._forget(s, k)
+                    self.p[s, k] += np.linalg.inv(_corner_information(self.h[s, k], 3.0))
                     break
+
+    def _forget(self, s: int, k: int | Bool[np.ndarray, "frames"]) -> None:
+        self.correlation[s, k], self.support[s, k], self.lines[s, k] = 0.0, np.nan, np.nan
 
     def _worth(self, h: Mat3) -> bool:
         """Whether the face is seen from its front, large enough, and in the image."""
@@ -364,9 +388,12 @@ class _Follower:
         covariance = np.linalg.inv(information + prior)
         contrast = float(fine.values.var())
         reliable = max(contrast - o.grey_sigma**2, 0.0) / max(contrast, 1e-9)
+        lost = self.missed[s] >= 3
+        correlation, residual = (o.again_correlation, o.again_residual) if lost else (o.min_correlation, o.max_residual)
         before, after = apply_homography(guess, CORNERS), apply_homography(h, CORNERS)
         jump = float(np.abs(after - before).max()) if np.isfinite(after).all() else np.inf
-        accepted = good and figures[0] >= o.min_correlation * reliable and figures[1] >= o.min_weight and jump <= o.max_jump + 3 * worst and self._worth(h)
+        alike = figures[0] >= correlation * reliable and figures[3] <= 3 * o.grey_sigma + residual * figures[4] * np.sqrt(contrast)
+        accepted = good and alike and figures[1] >= o.min_weight and jump <= o.max_jump + 3 * worst and self._worth(h)
         if not accepted:
             return
         self.h[s, k], self.p[s, k] = h, covariance + template.covariance
@@ -410,11 +437,12 @@ class _Follower:
         f_direction = f[:, 1] - f[:, 0]
         f_normal = np.stack([-f_direction[:, 1], f_direction[:, 0]], axis=1) / np.maximum(np.linalg.norm(f_direction, axis=1), 1e-9)[:, None]
         # The line of the first frame, carried into this one: an offset across the edge there is an offset across it here, times the scale between them.
-        q = strand.q[strand.edges[both]]
-        across = point_jacobian(h, q) @ np.linalg.inv(point_jacobian(strand.h, q)) @ f_normal[:, None, :, None]
-        expected = first[both, :2] * np.einsum("ei,ecij->ec", normal, across)
-        residual = (lines[both, :2] - expected).reshape(-1)
-        jacobian = np.einsum("ei,ecij->ecj", normal, change_jacobian(h, q)).reshape(-1, 8)
+        q = strand.q[strand.edges[both].reshape(-1)]
+        n = normal.repeat(2, axis=0)
+        across = point_jacobian(h, q) @ np.linalg.inv(point_jacobian(strand.h, q)) @ f_normal.repeat(2, axis=0)[:, :, None]
+        expected = first[both, :2].reshape(-1) * np.einsum("ci,cij->c", n, across)
+        residual = lines[both, :2].reshape(-1) - expected
+        jacobian = np.einsum("ci,cij->cj", n, change_jacobian(h, q))
         samples = np.clip(length / o.spacing, 5, 60)
         sigma = np.sqrt(o.line_sigma**2 + 4 * (lines[both, 2] ** 2 + first[both, 2] ** 2) / samples).repeat(2)
         expected_sigma = np.sqrt(np.einsum("ni,ij,nj->n", jacobian, p, jacobian) + sigma**2)

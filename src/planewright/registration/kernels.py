@@ -215,12 +215,15 @@ def find_lines(image, ends, radius, spacing, least, out):
                     best, at = g, j
             if at < 0:
                 continue
+            # The top of the bell through three differences a pixel apart: exact where the step is one of a Gaussian.
             shift = 0.0
-            if at > 1 and at < width - 2:
-                a, b, c = abs(profile[at] - profile[at - 2]), abs(profile[at + 1] - profile[at - 1]), abs(profile[at + 2] - profile[at])
-                bend = a - 2.0 * b + c
-                if bend < 0.0:
-                    shift = min(max(0.5 * (a - c) / bend, -0.5), 0.5)
+            if at > 2 and at < width - 3:
+                a, b, c = abs(profile[at - 1] - profile[at - 3]), abs(profile[at + 1] - profile[at - 1]), abs(profile[at + 3] - profile[at + 1])
+                if a > 0.1 and c > 0.1:
+                    a, b, c = np.log(a), np.log(b), np.log(c)
+                    bend = a - 2.0 * b + c
+                    if bend < -1e-3:
+                        shift = min(max((a - c) / bend, -1.0), 1.0)
             t[n], d[n] = u, 0.5 * (at - 1 - half + shift)
             n += 1
         if n < 5 or 2 * n < looked:

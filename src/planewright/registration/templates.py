@@ -9,7 +9,7 @@ import numpy as np
 from planewright.arrays import Bool, Float, GrayImage, Int, Mat3
 from planewright.registration.homography import apply_homography, point_jacobian
 
-Level = Float[np.ndarray, "rows columns"]
+Level = Float[np.ndarray, "_rows _columns"]
 """A grey image, smoothed. Level l + 1 has half the size of level l."""
 
 

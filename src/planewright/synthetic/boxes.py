@@ -5,23 +5,25 @@ import numpy as np
 from planewright.synthetic.clip import SyntheticClip, centered_camera
 from planewright.synthetic.motion import Path, draw_tremor
 from planewright.synthetic.render import RenderOptions
-from planewright.synthetic.scene import Scene, Surface, as_part, blob, box, face_surfaces, pillar, quad, sketched_box
+from planewright.synthetic.scene import Scene, Surface, as_part, blob, box, face_surfaces, opened, pillar, quad, sketched_box
 from planewright.synthetic.textures import Painter, books, bricks, parcel, planks, plaster, print_on, speckled
+from planewright.synthetic.visitors import hand, pass_before, pass_time, visited
 
 
 def boxes(num_frames: int = 300, size: tuple[int, int] = (960, 540), seed: int = 0) -> SyntheticClip:
-    """Two cartons side by side and one on top that is turned by 8 degrees: 11 planes, 23 points.
+    """A carton, one beside it that is turned by 2 degrees, and one on top that is turned by 8 and whose lid rises by 4: 11 planes, 23 points.
 
-    They partly hide each other, and a tin and a ball that nobody sketched stand before them: no frame shows all corners.
+    They partly hide each other, and a tin and a ball that nobody sketched stand before them: no frame shows all corners. A hand reaches in.
     """
     rng = np.random.default_rng((seed, 1))
     cartons = (
         sketched_box("large", (-0.35, 0.1, 0.0), (1.5, 1.0, 0.9), 0.0, ("s", "e", "w", "top")),
-        sketched_box("small", (1.04, -0.42, 0.0), (0.75, 0.7, 0.62), 0.0, ("s", "e", "top")),
-        sketched_box("upper", (-0.42, 0.14, 0.9), (0.95, 0.66, 0.5), 8.0, ("s", "e", "w", "top")),
+        sketched_box("small", (1.04, -0.42, 0.0), (0.75, 0.7, 0.62), 2.0, ("s", "e", "top")),
+        sketched_box("upper", (-0.42, 0.14, 0.9), (0.95, 0.66, 0.5), 8.0, ("s", "e", "w", "top"), 4.0),
     )
     points = {k: p for carton in cartons for k, p in carton.points.items()}
-    faces = tuple(f for carton in cartons for f in carton.faces)
+    # The far side of the large carton's top is seen only past the upper carton: who draws leaves it out.
+    faces = tuple(opened(f, "large_7") if f.id == "large_top" else f for carton in cartons for f in carton.faces)
     density = 0.4 * size[0]
     brown, pale, white = (168, 126, 82), (190, 152, 106), (206, 204, 198)
     paints: dict[str, Painter] = {
@@ -55,4 +57,6 @@ def boxes(num_frames: int = 300, size: tuple[int, int] = (960, 540), seed: int =
     )
     around = (*as_part("room", room), *as_part("clutter", clutter))
     scene = Scene(points, faces, (*face_surfaces(points, faces, paints, density), *hidden, *around), (0.3, -0.65, 0.8))
-    return SyntheticClip("boxes", scene, path, centered_camera(size, 0.8), RenderOptions(seed=seed))
+    clip = SyntheticClip("boxes", scene, path, centered_camera(size, 0.8), RenderOptions(seed=seed))
+    reach = pass_before(path, clip.intrinsics, (-0.1, -0.3, 0.95), float(round(0.68 * num_frames)), pass_time(num_frames), 0.6, 115.0)
+    return visited(clip, hand(0.8, density, np.random.default_rng((seed, 6))), [reach])

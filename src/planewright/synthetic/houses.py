@@ -7,6 +7,7 @@ from planewright.synthetic.motion import Path, draw_tremor
 from planewright.synthetic.render import RenderOptions
 from planewright.synthetic.scene import Scene, Surface, TrueFace, as_part, blob, box, face_surfaces, pillar, quad
 from planewright.synthetic.textures import Painter, books, bricks, door, planks, plaster, print_on, shingles, siding, speckled, window
+from planewright.synthetic.visitors import hand, pass_before, pass_time, visited
 
 _SUN = (0.35, -0.65, 0.8)
 
@@ -71,8 +72,8 @@ def toy_house(
     """A toy house on a play mat: 18 planes, 35 points.
 
     Window and door lie in the front wall (a hole; a notch whose feet stand on the wall's line), a wing at the left end has a side that stands
-    6 degrees off, the roof planes meet at 84 degrees, a chimney and a dormer stand on the front slope. Things that nobody sketched stand
-    before and behind it.
+    8 degrees off, the right end stands 2 off, the roof planes meet at 84 degrees, a dormer stands on the front slope and a chimney that is turned
+    by 4 degrees. Things that nobody sketched stand before and behind it, and a hand reaches in.
 
     bare: the walls are plain plaster (tones deviate by 2 %, as much as the noise), so that little but their edges can be followed.
     distortion: radial terms of the lens, as in `Intrinsics`.
@@ -87,7 +88,7 @@ def toy_house(
         return (x, y, float(eaves + rise * (y - south)))
 
     wing_x, wing_top, wing_low = -2.05, 1.2, 0.72
-    skew = (north - 0.35 - south) * np.tan(np.radians(6.0))
+    skew = (north - 0.35 - south) * np.tan(np.radians(8.0))
     back = north - 0.35
     slope = (wing_top - wing_low) / (west - wing_x)
 
@@ -97,11 +98,17 @@ def toy_house(
     base, peak, mid = on_roof(0.25, -0.8), 0.52, 0.72
     dormer_top = base[2] + peak
     stack_top = ridge_z + 0.62
-    c_w, c_e, c_s, c_n = 1.45, 1.87, -0.52, -0.18
+    twist = np.radians(4.0)
+    ring = np.array([[-0.21, -0.17], [0.21, -0.17], [0.21, 0.17], [-0.21, 0.17]]) @ np.array([[np.cos(twist), np.sin(twist)], [-np.sin(twist), np.cos(twist)]])
+    stack = dict(zip(("sw", "se", "ne", "nw"), (ring + np.array([1.66, -0.35])).tolist(), strict=True))
+
+    def on_end(y: float) -> float:
+        return float(east - np.tan(np.radians(2.0)) * (y - south))
+
     points = {
-        "sw": (west, south, 0.0), "se": (east, south, 0.0), "ne": (east, north, 0.0),
-        "sw_eave": (west, south, eaves), "se_eave": (east, south, eaves), "ne_eave": (east, north, eaves), "nw_eave": (west, north, eaves),
-        "ridge_w": (west, ridge_y, ridge_z), "ridge_e": (east, ridge_y, ridge_z),
+        "sw": (west, south, 0.0), "se": (east, south, 0.0), "ne": (on_end(north), north, 0.0),
+        "sw_eave": (west, south, eaves), "se_eave": (east, south, eaves), "ne_eave": (on_end(north), north, eaves), "nw_eave": (west, north, eaves),
+        "ridge_w": (west, ridge_y, ridge_z), "ridge_e": (on_end(ridge_y), ridge_y, ridge_z),
         "wing_s_high": on_wing(west, south), "wing_n_high": on_wing(west, back),
         "wing_s_foot": (wing_x, south, 0.0), "wing_n_foot": (wing_x + skew, back, 0.0),
         "wing_s_low": on_wing(wing_x, south), "wing_n_low": on_wing(wing_x + skew, back),
@@ -109,8 +116,8 @@ def toy_house(
         "win_1": (1.0, south, 0.5), "win_2": (1.95, south, 0.5), "win_3": (1.95, south, 1.12), "win_4": (1.0, south, 1.12),
         "dorm_w": base, "dorm_e": on_roof(0.25 + 2 * (mid - 0.25), -0.8), "dorm_top": (mid, -0.8, dormer_top),
         "dorm_back": (mid, float(-0.8 + peak / rise), dormer_top),
-        "stack_sw": on_roof(c_w, c_s), "stack_se": on_roof(c_e, c_s), "stack_ne": on_roof(c_e, c_n), "stack_nw": on_roof(c_w, c_n),
-        "cap_sw": (c_w, c_s, stack_top), "cap_se": (c_e, c_s, stack_top), "cap_ne": (c_e, c_n, stack_top), "cap_nw": (c_w, c_n, stack_top),
+        **{f"stack_{k}": on_roof(x, y) for k, (x, y) in stack.items()},
+        **{f"cap_{k}": (x, y, stack_top) for k, (x, y) in stack.items()},
     }  # fmt: skip
     points = {k: (float(x), float(y), float(z)) for k, (x, y, z) in points.items()}
     faces = (
@@ -121,7 +128,8 @@ def toy_house(
         TrueFace("gable", ("se_eave", "ne_eave", "ridge_e")),
         TrueFace("far_gable", ("wing_n_high", "wing_s_high", "sw_eave", "ridge_w", "nw_eave")),
         TrueFace("slope_s", ("sw_eave", "se_eave", "ridge_e", "ridge_w")),
-        TrueFace("slope_n", ("ne_eave", "nw_eave", "ridge_w", "ridge_e")),
+        # Its eave is seen from no place on the path: who draws leaves it out.
+        TrueFace("slope_n", ("nw_eave", "ridge_w", "ridge_e", "ne_eave"), open=True),
         TrueFace("wing_front", ("wing_s_foot", "sw", "wing_s_high", "wing_s_low")),
         TrueFace("wing_side", ("wing_n_foot", "wing_s_foot", "wing_s_low", "wing_n_low")),
         TrueFace("wing_roof", ("wing_s_low", "wing_s_high", "wing_n_high", "wing_n_low")),
@@ -166,10 +174,16 @@ def toy_house(
         *blob((-2.9, 0.9, 0.25), (0.3, 0.3, 0.3), 0.14, bush, 0.8 * density, rng),
     ]
     hidden = (
-        _back((east, north), (west, north), eaves, brick, density),
+        _back((on_end(north), north), (west, north), eaves, brick, density),
         _back((wing_x + skew, back), (west, back), wing_low, paints["wing_side"], density),
         _back((west, back), (west, south), wing_top, brick, density),
-        quad((c_e, c_n, ridge_z - 0.6), (c_w - c_e, 0, 0), (0, 0, stack_top - ridge_z + 0.6), stone, density),
+        quad(
+            (*stack["ne"], ridge_z - 0.6),
+            (stack["nw"][0] - stack["ne"][0], stack["nw"][1] - stack["ne"][1], 0),
+            (0, 0, stack_top - ridge_z + 0.6),
+            stone,
+            density,
+        ),
     )
     around = (*as_part("room", room), *as_part("clutter", clutter))
     scene = Scene(points, faces, (*face_surfaces(points, faces, paints, density), *hidden, *around), (0.3, -0.7, 0.8))
@@ -182,7 +196,9 @@ def toy_house(
         tremor=draw_tremor(0.06, 0.8, rng),
         sweeps=max(1, round(num_frames / 450)),
     )
-    return SyntheticClip("toy_house", scene, path, centered_camera(size, 0.81, distortion), RenderOptions(seed=seed))
+    clip = SyntheticClip("toy_house", scene, path, centered_camera(size, 0.81, distortion), RenderOptions(seed=seed))
+    reach = pass_before(path, clip.intrinsics, (1.2, -1.2, 1.3), float(round(0.3 * num_frames)), pass_time(num_frames), 0.6, 75.0)
+    return visited(clip, hand(1.3, density, np.random.default_rng((seed, 6))), [reach])
 
 
 def _back(start: tuple[float, float], end: tuple[float, float], height: float, paint: Painter, density: float) -> Surface:

@@ -183,7 +183,7 @@ def truth(clip: SyntheticClip) -> dict[str, object]:
         ],
         "points": [{"id": k, "xyz": list(p)} for k, p in scene.points.items()],
         "faces": [
-            {"id": f.id, "loop": list(f.loop), "holes": [list(h) for h in f.holes], "normal": normals[i].tolist(), "offset": float(offsets[i])}
+            {"id": f.id, "loop": list(f.loop), "holes": [list(h) for h in f.holes], "normal": normals[i].tolist(), "offset": float(offsets[i]), "open": f.open}
             for i, f in enumerate(scene.faces)
         ],
         "as_built": scene.meant is not None,
@@ -229,12 +229,13 @@ def draw(clip: SyntheticClip, rng: np.random.Generator, click_noise: float = 1.0
         marked.append(SketchPoint(PointId(k), {frame: (float(x), float(y))}))
     known = {p.id for p in marked}
     faces = tuple(
-        SketchFace(FaceId(f.id), tuple(PointId(k) for k in f.loop), tuple(tuple(PointId(k) for k in h) for h in f.holes))
+        SketchFace(FaceId(f.id), tuple(PointId(k) for k in f.loop), tuple(tuple(PointId(k) for k in h) for h in f.holes), f.open)
         for f in scene.faces
         if known.issuperset((*f.loop, *(k for h in f.holes for k in h)))
     )
     edges: set[Edge] = set()
     for face in faces:
         for ring in (face.loop, *face.holes):
-            edges.update((min(a, b), max(a, b)) for a, b in zip(ring, (*ring[1:], ring[0]), strict=True))
+            ends = ring[1:] if face.open and ring is face.loop else (*ring[1:], ring[0])
+            edges.update((min(a, b), max(a, b)) for a, b in zip(ring, ends, strict=False))
     return Sketch(tuple(marked), clip.intrinsics.image_size, tuple(sorted(edges)), faces if with_faces else ())

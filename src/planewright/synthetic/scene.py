@@ -44,6 +44,8 @@ class TrueFace:
     id: str
     loop: tuple[str, ...]
     holes: tuple[tuple[str, ...], ...] = ()
+    open: bool = False
+    """Sketched as a chain: the side from the last corner back to the first is not drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,12 @@ class Scene:
     def diagonal(self) -> float:
         """Diagonal of the box around the sketched corners, scene units."""
         return float(np.linalg.norm(np.ptp(np.array(list(self.points.values())), axis=0)))
+
+
+def opened(face: TrueFace, first: str) -> TrueFace:
+    """The same face as a chain that begins at `first`: the side that leads there is not drawn."""
+    at = face.loop.index(first)
+    return replace(face, loop=(*face.loop[at:], *face.loop[:at]), open=True)
 
 
 def loop_normal(loop: Float[np.ndarray, "corners 3"]) -> Vec3:
@@ -126,12 +134,16 @@ class SketchedBox:
     """Loops of the other upright sides."""
 
 
-def sketched_box(name: str, center: Sequence[float | int], size: Sequence[float | int], turn_deg: float, sides: Sequence[str]) -> SketchedBox:
-    """A box on z = `center[2]`, turned about the vertical; `sides` are among s, e, n, w (before the turn) and top."""
+def sketched_box(
+    name: str, center: Sequence[float | int], size: Sequence[float | int], turn_deg: float, sides: Sequence[str], lid_deg: float = 0.0
+) -> SketchedBox:
+    """A box on z = `center[2]`, turned about the vertical; `sides` are among s, e, n, w (before the turn) and top, which rises by `lid_deg` to the east."""
     turn = np.radians(turn_deg)
     low = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * np.asarray(size, float)[:2]
     ring = low @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + np.asarray(center, float)[:2]
-    corners = [(float(x), float(y), float(center[2]) + lift) for lift in (0.0, float(size[2])) for x, y in ring]
+    rise = np.tan(np.radians(lid_deg)) * low[:, 0]
+    corners = [(float(x), float(y), float(center[2])) for x, y in ring]
+    corners += [(float(x), float(y), float(center[2]) + float(size[2]) + float(more)) for (x, y), more in zip(ring, rise, strict=True)]
     loops = {side: (i, (i + 1) % 4, 4 + (i + 1) % 4, 4 + i) for i, side in enumerate("senw")} | {"top": (4, 5, 6, 7)}
     used = sorted({i for side in sides for i in loops[side]})
     return SketchedBox(

@@ -71,6 +71,11 @@ def bird(span: float, density: float, rng: np.random.Generator) -> list[Surface]
     return parts + _carried(box((0.0, 0.0, -0.008 * span), (0.14 * span, 0.1 * span, 0.016 * span), 0.0, grey, density), tail)
 
 
+def pass_time(num_frames: int) -> float:
+    """Frames from the middle to the end of a pass that covers something in about 5 % of a clip; a hand does not come and go within half a second."""
+    return max(7.0, num_frames / 24)
+
+
 def pass_before(
     path: Motion, intrinsics: Intrinsics, over: Sequence[float], time: float, half: float, nearness: float, toward_deg: float, back: bool = True
 ) -> Pass:
@@ -95,6 +100,12 @@ def walk_by(middle: Sequence[float], heading_deg: float, pace: float, time: floa
     turn = np.radians(heading_deg)
     way = np.array([np.cos(turn), np.sin(turn), 0.0])
     return Pass(time, half, rotations_from_vectors(np.array([[0.0, 0.0, turn]]))[0], np.array(middle, float), pace * half * way, back=False)
+
+
+def alone(clip: SyntheticClip) -> SyntheticClip:
+    """The clip without its visitor."""
+    kept = tuple(s for s in clip.scene.surfaces if s.carrier != "visitor")
+    return replace(clip, scene=replace(clip.scene, surfaces=kept), visit=None)
 
 
 def visited(clip: SyntheticClip, visitor: Sequence[Surface], passes: Sequence[Pass]) -> SyntheticClip:

@@ -19,7 +19,7 @@ from planewright.progress import Progress, silent, steps
 from planewright.sfm.cameras import Cameras
 from planewright.tracking.appearance import AppearanceOptions, uncovered
 from planewright.tracking.frame_lines import FrameLineOptions, frame_lines, measure_frame, view_edges
-from planewright.tracking.fusion import FrameLines, FusionOptions, MarkOffsets, fuse_frames, refit_corners, without_usual_offset
+from planewright.tracking.fusion import FrameLines, FusionOptions, MarkOffsets, disagreement, fuse_frames, refit_corners, usual_offset
 from planewright.tracking.patches import Patches, PatchOptions, lay_patches, sample_frame
 from planewright.tracking.tracks import State, Tracks
 from planewright.tracking.visibility import corner_visibility
@@ -38,8 +38,8 @@ class CornerOptions:
     """Where faces are looked at near their corners."""
     appearance: AppearanceOptions = field(default_factory=AppearanceOptions)
     """How it is told that something unsketched covers a corner."""
-    common_sigma: float = 0.3
-    """Error that cameras and edges have in common over frames, pixels: not in the model's covariance, always in the sigmas."""
+    common_sigma: float = 0.05
+    """Error that all corners have in common, pixels: what is always in the sigmas besides the model, its edges and the frame."""
     occluder_tolerance: float = 0.004
     """A face hides a corner when it is nearer by this share of the scene's diagonal."""
     margin: float = 0.25
@@ -97,7 +97,10 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
     lines = replace(lines, offset=_beside(lines, predicted - base))
     shift, point_covariance = refit_corners(lines, marks, jacobian, scene.point_covariance, options.fusion)
     base, _, _ = _project(scene.points + shift, cameras, rows)
-    moved, spread = fuse_frames(lines, base, without_usual_offset(lines, _beside(lines, base - predicted)), (width, height), options.fusion)
+    left = _beside(lines, base - predicted)
+    usual = usual_offset(lines, left)
+    moved, spread = fuse_frames(lines, base, left - usual, (width, height), options.fusion)
+    point_covariance *= disagreement(lines, usual, shift, jacobian, scene.point_covariance, options.fusion)[:, None, None]
     covariance = np.einsum("kpij,pjl,kpml->kpim", jacobian, point_covariance, jacobian) + spread + options.common_sigma**2 * np.eye(2)
     return _table(scene, cameras, rows, moved, covariance, possible & clear, depth, (width, height), options)
 
@@ -134,8 +137,8 @@ def _smallest_scale(scene: PlanarScene, patches: Patches, jacobian: Float[np.nda
 
 def _uncovered_lines(lines: FrameLines, clear: Bool[np.ndarray, "rows points"]) -> FrameLines:
     """Without the lines of edges that are covered at both ends: what is there is the outline of something else."""
-    open_to_view = (clear[:, lines.edges] & lines.at_corner).any(axis=2) | ~lines.at_corner.all(axis=2)
-    return replace(lines, information=np.where(open_to_view[..., None, None], lines.information, 0.0))
+    covered = np.asarray((~clear[:, lines.edges] & lines.at_corner).all(axis=2))
+    return replace(lines, information=np.where(covered[..., None, None], 0.0, lines.information))
 
 
 def _mark_offsets(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "rows"], predicted: Float[np.ndarray, "rows points 2"]) -> MarkOffsets:

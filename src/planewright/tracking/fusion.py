@@ -30,6 +30,10 @@ class FusionOptions:
     root mean square of 1.3 pixels, with 2 of 0.9, and clips with good models do not change."""
     model_floor: float = 0.3
     """Standard deviation of a corner in the model that is always allowed for, pixels of a typical frame."""
+    agreement: float = 0.1
+    """Squared misfit of an edge, over what is allowed for, where nothing is known of a corner's edges yet."""
+    most_misfit: float = 16.0
+    """Squared misfit that an edge counts with at most: one farther off is another line."""
     frame_sigma: float = 0.6
     """Standard deviation of the motion a frame may add to the whole picture, pixels."""
     corner_sigma: float = 0.15
@@ -101,9 +105,7 @@ def refit_corners(
             continue
         mine = np.nonzero(marks.point == i)[0]
         a, b, share = jacobian[marks.row[mine], i].reshape(-1, 3), marks.offset[mine].reshape(-1), np.full(2 * len(mine), 1.0 / options.mark_sigma**2)
-        size = np.linalg.norm(jacobian[:, i], axis=(1, 2)) / np.sqrt(2.0)
-        per_pixel = 1.0 / max(float(np.median(size)), 1e-12)
-        wide = options.model_inflation**2 * point_covariance[i] + (options.model_floor * per_pixel) ** 2 * np.eye(3)
+        wide = _widened(point_covariance[i], jacobian[:, i], options)
         misfit = float(b @ np.linalg.solve(a @ wide @ a.T + options.mark_sigma**2 * np.eye(len(b)), b)) / max(len(b), 1)
         at_marks = len(b) if misfit > options.mark_gate else 0
         a, b, share = a[:at_marks], b[:at_marks], share[:at_marks]
@@ -131,14 +133,48 @@ def refit_corners(
     return shift, covariance
 
 
-def without_usual_offset(lines: FrameLines, offset: Float[np.ndarray, "rows edges 2"]) -> Float[np.ndarray, "rows edges 2"]:
-    """Offsets less each edge's median over the frames, where it was found in at least five."""
+def usual_offset(lines: FrameLines, offset: Float[np.ndarray, "rows edges 2"]) -> Float[np.ndarray, "edges 2"]:
+    """Each edge's median offset over the frames, at both ends; 0 where it was found in fewer than five."""
     values = np.where(lines.found[..., None], offset, np.nan)
     enough = lines.found.sum(axis=0) >= 5
     usual = np.zeros(offset.shape[1:])
     if enough.any():
         usual[enough] = np.nanmedian(values[:, enough], axis=0)
-    return offset - usual
+    return usual
+
+
+def disagreement(
+    lines: FrameLines,
+    usual: Float[np.ndarray, "edges 2"],
+    shift: Float[np.ndarray, "points 3"],
+    jacobian: Float[np.ndarray, "rows points 2 3"],
+    point_covariance: Float[np.ndarray, "points 3 3"],
+    options: FusionOptions,
+) -> Float[np.ndarray, "points"]:
+    """What each corner's covariance from `refit_corners` is to be multiplied by, from how well its edges and the model agree about it.
+
+    Most edges lie within .1 pixels of where the others put their corner, and some, which are another line, 2 pixels off: one sigma for all is
+    too wide for the many and too narrow for the few. The mean over the corner's edges and its model of their squared misfits over what
+    was allowed for, together with one more that is `agreement` (a variance with an inverse gamma prior). 1 where fewer than two speak.
+
+    usual: what is left of the edges' offsets after `shift`, the displacement of the corners.
+    """
+    factor = np.ones(len(shift))
+    spoke = (lines.found[..., None] & lines.at_corner).sum(axis=0) >= 5
+    for i in range(len(shift)):
+        misfits = [min(float(usual[e, side] / options.edge_sigma) ** 2, options.most_misfit) for e, side in np.argwhere((lines.edges == i) & spoke)]
+        if not misfits or not np.isfinite(point_covariance[i]).all():
+            continue
+        wide = _widened(point_covariance[i], jacobian[:, i], options)
+        misfits.append(float(shift[i] @ np.linalg.solve(wide, shift[i])))
+        factor[i] = (options.agreement + sum(misfits)) / (1 + len(misfits))
+    return factor
+
+
+def _widened(point_covariance: Float[np.ndarray, "3 3"], jacobian: Float[np.ndarray, "rows 2 3"], options: FusionOptions) -> Float[np.ndarray, "3 3"]:
+    """The model's covariance as the lines of the clip are allowed to move a corner from it."""
+    size = np.linalg.norm(jacobian, axis=(1, 2)) / np.sqrt(2.0)
+    return options.model_inflation**2 * point_covariance + (options.model_floor / max(float(np.median(size)), 1e-12)) ** 2 * np.eye(3)
 
 
 def fuse_frames(

@@ -1,0 +1,124 @@
+"""A mark obeyed in the image alone: the track between it and its neighbours is mended, the model stays."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planewright.arrays import Bool, Float, Int
+from planewright.corrections.carry import joined, taken
+from planewright.corrections.session import Mark, Session
+from planewright.mending.gap import Gap, blend
+from planewright.mending.mend import MendOptions, mend
+from planewright.progress import Progress, silent
+from planewright.tracking.tracks import State, Tracks
+
+
+@dataclass(frozen=True, kw_only=True)
+class BridgeOptions:
+    """How far a mark acts, and how."""
+
+    farthest: int = 60
+    """Where the model has a corner, a mark acts on at most this many frames to each side: what contradicts the model passes."""
+    first_sigma: float = 1.5
+    """Standard deviation (pixels) claimed by a first answer, before any frame is looked at."""
+    mark_sigma: float = 0.7
+    """Standard deviation of the mark itself."""
+    mend: MendOptions = field(default_factory=MendOptions)
+    """How the way between two marks is found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bridge:
+    """Frames on one side of a mark, up to where another mark or the old track holds."""
+
+    gap: Gap
+    """In the pixels of the session's frames."""
+    open: bool
+    """There is no mark on the other side: the track is only moved along."""
+
+
+def bridges(session: Session, corner: int, mark: Mark, options: BridgeOptions = BridgeOptions()) -> tuple[Bridge, ...]:
+    """What lies before the mark and after it."""
+    mine = np.flatnonzero(session.tracks.point_index == corner)
+    frames = session.tracks.frame[mine]
+    place = np.array([session.straight(int(f), (float(x), float(y))) for f, (x, y) in zip(frames, session.tracks.xy[mine], strict=True)]).reshape(-1, 2)
+    marks = session.sketch.points[corner].marks
+    at = int(np.searchsorted(frames, mark.frame))
+    if at == len(frames) or frames[at] != mark.frame:
+        return ()
+    here = session.straight(mark.frame, mark.xy)
+    out: list[Bridge] = []
+    for step in (-1, 1):
+        others = [k for k in (range(at - 1, -1, -1) if step < 0 else range(at + 1, len(frames))) if int(frames[k]) in marks]
+        other = others[0] if others else (0 if step < 0 else len(frames) - 1)
+        free = not others
+        if session.model is not None and abs(other - at) > options.farthest:
+            other, free = at + step * options.farthest, True
+        if other == at:
+            continue
+        span = np.arange(min(at, other), max(at, other) + 1)
+        from_mark = place[span] + (here - place[at])
+        if free and session.model is None:
+            from_other = from_mark  # nothing says where the track is right again
+        else:
+            end = place[other] if free else session.straight(int(frames[other]), marks[int(frames[other])])
+            from_other = place[span] + (end - place[other])
+        forward, backward = (from_mark, from_other) if step > 0 else (from_other, from_mark)
+        out.append(Bridge(Gap(frames[span].astype(np.int64), forward, backward), free))
+    return tuple(out)
+
+
+def bridged_at_once(session: Session, corner: int, mark: Mark, found: tuple[Bridge, ...], options: BridgeOptions = BridgeOptions()) -> Tracks:
+    """Rows of a first answer: both traces joined, no frame looked at."""
+    parts = [_rows(session, corner, b.gap.frame, blend(b.gap), np.tile(options.first_sigma**2 * np.eye(2), (len(b.gap.frame), 1, 1))) for b in found]
+    return _with_mark(session, corner, mark, parts, options)
+
+
+def bridged(
+    session: Session, corner: int, mark: Mark, found: tuple[Bridge, ...], options: BridgeOptions = BridgeOptions(), *, progress: Progress = silent
+) -> Tracks:
+    """Rows of the mended track."""
+    parts: list[Tracks] = []
+    for bridge in found:
+        mended = mend(session.frames, bridge.gap, options.mend, progress=progress)
+        parts.append(_rows(session, corner, bridge.gap.frame, mended.xy, mended.covariance))
+    return _with_mark(session, corner, mark, parts, options)
+
+
+def replaced(tracks: Tracks, rows: Tracks) -> Tracks:
+    """The tracks with some rows in place of theirs."""
+    key = {(int(p), int(f)) for p, f in zip(rows.point_index, rows.frame, strict=True)}
+    stay: Bool[np.ndarray, "rows"] = np.array([(int(p), int(f)) not in key for p, f in zip(tracks.point_index, tracks.frame, strict=True)], dtype=bool)
+    return joined([taken(tracks, stay), rows])
+
+
+def _rows(
+    session: Session, corner: int, frames: Int[np.ndarray, "frames"], xy: Float[np.ndarray, "frames 2"], covariance: Float[np.ndarray, "frames 2 2"]
+) -> Tracks:
+    shown = xy
+    if session.model is not None and not session.model.cameras.lens.straight:
+        lens = session.model.cameras.lens
+        shown = np.concatenate([lens.to_displayed(int(frame), place[None]) for frame, place in zip(frames, xy, strict=True)])
+    count = len(frames)
+    return Tracks(np.full(count, corner), frames, shown, covariance, np.full(count, int(State.BRIDGED)))
+
+
+def _with_mark(session: Session, corner: int, mark: Mark, parts: list[Tracks], options: BridgeOptions) -> Tracks:
+    """The parts without the marked frames at their ends, and the mark; what was hidden stays hidden."""
+    marks = session.sketch.points[corner].marks
+    before = session.tracks
+    mine = before.point_index == corner
+    hidden = before.frame[mine & (before.state == int(State.HIDDEN))]
+    inner: list[Tracks] = []
+    for part in parts:
+        kept = taken(part, ~np.isin(part.frame, list(marks)))
+        state = np.where(np.isin(kept.frame, hidden), int(State.HIDDEN), kept.state)
+        inner.append(Tracks(kept.point_index, kept.frame, kept.xy, kept.covariance, state))
+    own = Tracks(
+        np.array([corner]),
+        np.array([mark.frame]),
+        np.array([mark.xy], dtype=np.float64),
+        options.mark_sigma**2 * np.eye(2)[None],
+        np.array([int(State.MARKED)]),
+    )
+    return joined([*inner, own])

@@ -1,0 +1,266 @@
+"""Tracks carried along when the model under them moves, without a look at any frame.
+
+A tracked position is a fusion: of the model's projection, as sure as the model was, and of what the frames said. Both are Gaussians, so what the frames
+said can be taken out again and fused with the new projection. Following 300 frames anew takes seconds, this takes hundredths of one.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planewright.arrays import Bool, Float, Int
+from planewright.planes.planar_scene import PlanarScene
+from planewright.sfm.cameras import Cameras
+from planewright.tracking.tracks import State, Tracks
+from planewright.tracking.visibility import corner_visibility
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarryOptions:
+    """How tracks are carried."""
+
+    common_sigma: float = 0.3
+    """Error that the model and the frames have in common, pixels; it is in every covariance and takes no part in the fusion. As in `CornerOptions`."""
+    alone_sigma: float = 0.6
+    """Standard deviation of what a frame may add to the model's projection where no frame is believed, pixels."""
+    contradiction: float = 9.2
+    """Where the frames are off the new projection by more than this on average (chi-square with two degrees of freedom, 1 %), they looked at something
+    else, and are not believed."""
+    far: float = 5.0
+    """A corner that moves by more than this (pixels) may be hidden by something else than before: what hides it is worked out anew."""
+    occluder_tolerance: float = 0.004
+    """A face hides a corner when it is nearer by this share of the scene's diagonal."""
+    margin: float = 0.25
+    """Positions outside the image are given up to this share of its size away."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """One model in every frame with a pose."""
+
+    xy: Float[np.ndarray, "frames chosen 2"]
+    """As displayed; NaN behind the camera."""
+    covariance: Float[np.ndarray, "frames chosen 2 2"]
+
+
+def carry_tracks(
+    old: Tracks, before: PlanarScene, after: PlanarScene, cameras: Cameras, moved: Bool[np.ndarray, "points"], options: CarryOptions = CarryOptions()
+) -> Tracks:
+    """The tracks of the moved corners in all frames with a pose.
+
+    Args:
+        old: tracks that go with `before`.
+        after: with the sketch in which the marks are up to date.
+        moved: the corners to be carried; those that `after` does not know have no rows but their marks.
+    """
+    rows = np.flatnonzero(cameras.posed)
+    chosen = np.flatnonzero(moved & after.point_known)
+    new = _project(after, cameras, rows, chosen)
+    past = _project(before, cameras, rows, chosen)
+    xy, covariance, state = _table(old, cameras.frame[rows], chosen)
+    usable = np.isfinite(past.xy).all(axis=2) & np.isfinite(xy).all(axis=2) & before.point_known[chosen] & np.isin(state, (State.TRACKED, State.BRIDGED))
+    common = options.common_sigma**2 * np.eye(2)
+    said, pull = _frames_alone(xy, covariance - common, past, usable)
+    believed = _believed(said, pull, new, usable, options)
+    said = np.where(believed[None, :, None, None], said, 0.0)
+    pull = np.where(believed[None, :, None], pull, 0.0)
+    prior = np.linalg.inv(new.covariance + 1e-6 * np.eye(2))
+    fused = np.linalg.inv(prior + said)
+    center = np.where(np.isfinite(new.xy), new.xy, 0.0)
+    # What is fused are differences from the new projection: the positions themselves would only add rounding.
+    moved_xy = center + np.einsum("kpij,kpj->kpi", fused, pull - np.einsum("kpij,kpj->kpi", said, center))
+    alone = ~(said != 0.0).any(axis=(2, 3))
+    spread = fused + common + np.where(alone, options.alone_sigma**2, 0.0)[..., None, None] * np.eye(2)
+    moved_xy = moved_xy + np.where(alone[..., None], _frame_motion(moved_xy - center, alone)[:, None], 0.0)
+    moved_xy = np.where(np.isfinite(new.xy), moved_xy, np.nan)
+    states = _states(moved_xy, xy, state, after, cameras, rows, chosen, options)
+    return _rows(moved_xy, spread, states, after, cameras, rows, chosen, moved, options)
+
+
+def _project(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "frames"], chosen: Int[np.ndarray, "chosen"]) -> _Seen:
+    points = np.where(scene.point_known[chosen, None], scene.points[chosen], 0.0)
+    rotation = cameras.rotation[rows]
+    in_cam = np.einsum("kij,pj->kpi", rotation, points) + cameras.translation[rows][:, None]
+    depth = np.where(in_cam[..., 2] > 1e-9, in_cam[..., 2], np.nan)
+    normalized = in_cam[..., :2] / depth[..., None]
+    pinhole, lens = cameras.intrinsics.pinhole(), cameras.lens
+    xy = pinhole.principal_point + pinhole.focal * normalized
+    if not lens.straight:
+        for k, row in enumerate(rows.tolist()):
+            front = np.isfinite(depth[k])
+            xy[k, front] = lens.to_displayed(int(cameras.frame[row]), xy[k, front], depth[k, front])
+    jacobian = pinhole.focal / depth[..., None, None] * (rotation[:, None, :2] - normalized[..., None] * rotation[:, None, 2:])
+    jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
+    spread = np.where(np.isfinite(scene.point_covariance[chosen]), scene.point_covariance[chosen], 0.0)
+    return _Seen(np.where(scene.point_known[chosen, None], xy, np.nan), np.einsum("kpij,pjl,kpml->kpim", jacobian, spread, jacobian))
+
+
+def _table(
+    tracks: Tracks, frames: Int[np.ndarray, "frames"], chosen: Int[np.ndarray, "chosen"]
+) -> tuple[Float[np.ndarray, "frames chosen 2"], Float[np.ndarray, "frames chosen 2 2"], Int[np.ndarray, "frames chosen"]]:
+    """The rows of some points as a table; NaN and -1 where there is none."""
+    xy = np.full((len(frames), len(chosen), 2), np.nan)
+    covariance = np.full((len(frames), len(chosen), 2, 2), np.nan)
+    state = np.full((len(frames), len(chosen)), -1)
+    column = np.full(int(tracks.point_index.max(initial=0)) + 1, -1)
+    column[chosen[chosen < len(column)]] = np.flatnonzero(chosen < len(column))
+    at = np.searchsorted(frames, tracks.frame)
+    there = (at < len(frames)) & (column[tracks.point_index] >= 0)
+    there[there] &= frames[at[there]] == tracks.frame[there]
+    k, p = at[there], column[tracks.point_index[there]]
+    xy[k, p], covariance[k, p], state[k, p] = tracks.xy[there], tracks.covariance[there], tracks.state[there]
+    return xy, covariance, state
+
+
+def _frames_alone(
+    xy: Float[np.ndarray, "frames chosen 2"], covariance: Float[np.ndarray, "frames chosen 2 2"], past: _Seen, usable: Bool[np.ndarray, "frames chosen"]
+) -> tuple[Float[np.ndarray, "frames chosen 2 2"], Float[np.ndarray, "frames chosen 2"]]:
+    """Information that the frames gave, and that times where they saw the corner: the fusion without the old projection."""
+    eye = np.eye(2)
+    fused = np.where(usable[..., None, None], covariance, eye)
+    # A fusion is never less sure than what it was made of.
+    values, axes = np.linalg.eigh(fused)
+    fused = np.einsum("kpij,kpj,kplj->kpil", axes, np.maximum(values, 1e-4), axes)
+    model = np.where(usable[..., None, None], past.covariance, eye) + 1e-6 * eye
+    said = np.linalg.inv(fused) - np.linalg.inv(model)
+    values, axes = np.linalg.eigh(said)
+    said = np.einsum("kpij,kpj,kplj->kpil", axes, np.maximum(values, 0.0), axes)
+    said = np.where(usable[..., None, None], said, 0.0)
+    # fused^-1 x = model^-1 m + said z, so said z = fused^-1 (x - m) + said m.
+    away = np.where(usable[..., None], xy - past.xy, 0.0)
+    center = np.where(usable[..., None], past.xy, 0.0)
+    inner = np.einsum("kpij,kpj->kpi", np.linalg.inv(fused), away)
+    return said, np.where(usable[..., None], inner + np.einsum("kpij,kpj->kpi", said, center), 0.0)
+
+
+def _believed(
+    said: Float[np.ndarray, "frames chosen 2 2"],
+    pull: Float[np.ndarray, "frames chosen 2"],
+    new: _Seen,
+    usable: Bool[np.ndarray, "frames chosen"],
+    options: CarryOptions,
+) -> Bool[np.ndarray, "chosen"]:
+    """Corners whose frames agree with the new model."""
+    center = np.where(np.isfinite(new.xy), new.xy, 0.0)
+    off = pull - np.einsum("kpij,kpj->kpi", said, center)  # said (z - m)
+    spread = said + said @ (new.covariance + options.common_sigma**2 * np.eye(2)) @ said
+    square = np.einsum("kpi,kpij,kpj->kp", off, np.linalg.pinv(spread, hermitian=True), off)
+    measured = usable & (said != 0.0).any(axis=(2, 3)) & np.isfinite(new.xy).all(axis=2)
+    count = measured.sum(axis=0)
+    mean = np.where(measured, square, 0.0).sum(axis=0) / np.maximum(count, 1)
+    return (count > 0) & (mean < options.contradiction)
+
+
+def _frame_motion(away: Float[np.ndarray, "frames chosen 2"], alone: Bool[np.ndarray, "frames chosen"]) -> Float[np.ndarray, "frames 2"]:
+    """What each frame adds to the whole picture, from three corners at least whose frames are believed."""
+    values = np.where(alone[..., None], np.nan, away)
+    enough = np.isfinite(values).all(axis=2).sum(axis=1) >= 3
+    out = np.zeros((len(away), 2))
+    if enough.any():
+        # What a corner has in all frames is its own.
+        out[enough] = np.nanmedian((values - _usual(values))[enough], axis=1)
+    return np.where(np.isfinite(out), out, 0.0)
+
+
+def _usual(values: Float[np.ndarray, "frames chosen 2"]) -> Float[np.ndarray, "chosen 2"]:
+    out = np.zeros(values.shape[1:])
+    some = np.isfinite(values).any(axis=(0, 2))
+    out[some] = np.nanmedian(values[:, some], axis=0)
+    return out
+
+
+def _states(
+    xy: Float[np.ndarray, "frames chosen 2"],
+    old_xy: Float[np.ndarray, "frames chosen 2"],
+    old: Int[np.ndarray, "frames chosen"],
+    scene: PlanarScene,
+    cameras: Cameras,
+    rows: Int[np.ndarray, "frames"],
+    chosen: Int[np.ndarray, "chosen"],
+    options: CarryOptions,
+) -> Int[np.ndarray, "frames chosen"]:
+    """Seen or hidden as before, unless the corner came from far off or was not there before."""
+    width, height = cameras.intrinsics.image_size
+    size = float(np.linalg.norm(np.ptp(scene.points[scene.point_known], axis=0)))
+    face_known = scene.face_known[:, None]
+    free = corner_visibility(
+        scene.sketch,
+        np.where(scene.point_known[:, None], scene.points, np.nan),
+        np.where(face_known, scene.normals, np.nan),
+        np.where(scene.face_known, scene.offsets, np.nan),
+        cameras.centers[rows],
+        options.occluder_tolerance * size,
+    )[:, chosen]
+    near = np.linalg.norm(np.where(np.isfinite(xy), xy, 1e9) - old_xy, axis=2) <= options.far
+    seen = np.where(near & np.isin(old, (State.TRACKED, State.BRIDGED, State.HIDDEN)), old != int(State.HIDDEN), free)
+    inside = (xy >= 0).all(axis=2) & (xy[..., 0] < width) & (xy[..., 1] < height)
+    return np.where(inside, np.where(seen, int(State.TRACKED), int(State.HIDDEN)), int(State.PREDICTED))
+
+
+def _rows(
+    xy: Float[np.ndarray, "frames chosen 2"],
+    covariance: Float[np.ndarray, "frames chosen 2 2"],
+    state: Int[np.ndarray, "frames chosen"],
+    scene: PlanarScene,
+    cameras: Cameras,
+    rows: Int[np.ndarray, "frames"],
+    chosen: Int[np.ndarray, "chosen"],
+    moved: Bool[np.ndarray, "points"],
+    options: CarryOptions,
+) -> Tracks:
+    """The table as rows, with what the person said about marks and hidden spans."""
+    width, height = cameras.intrinsics.image_size
+    numbers, room = cameras.frame[rows], options.margin * max(width, height)
+    column = {int(point): p for p, point in enumerate(chosen)}
+    parts: list[Tracks] = []
+    for i in np.flatnonzero(moved).tolist():
+        point = scene.sketch.points[i]
+        if i not in column:
+            frames = np.array(sorted(point.marks), dtype=np.int64)
+            clicked = np.array([point.marks[int(f)] for f in frames], dtype=np.float64).reshape(-1, 2)
+            count = len(frames)
+            parts.append(Tracks(np.full(count, i), frames, clicked, np.tile(np.eye(2), (count, 1, 1)), np.full(count, int(State.MARKED))))
+            continue
+        p = column[i]
+        own = state[:, p].copy()
+        for first, last in point.hidden:
+            own[(numbers >= first) & (numbers <= last)] = int(State.HIDDEN)
+        own[np.isin(numbers, list(point.marks))] = int(State.MARKED)
+        place = np.where(np.isfinite(xy[:, p]), xy[:, p], 1e9)
+        keep = (place > -room).all(axis=1) & (place[:, 0] < width + room) & (place[:, 1] < height + room)
+        count = int(keep.sum())
+        parts.append(Tracks(np.full(count, i), numbers[keep], place[keep], covariance[keep, p], own[keep]))
+    return joined(parts)
+
+
+def joined(parts: list[Tracks]) -> Tracks:
+    """All rows in the order of a table: by point, then frame."""
+    index = np.concatenate([np.zeros(0, dtype=np.int64), *(part.point_index for part in parts)])
+    frame = np.concatenate([np.zeros(0, dtype=np.int64), *(part.frame for part in parts)])
+    order = np.lexsort((frame, index))
+    return Tracks(
+        index[order],
+        frame[order],
+        np.concatenate([np.zeros((0, 2)), *(part.xy for part in parts)])[order],
+        np.concatenate([np.zeros((0, 2, 2)), *(part.covariance for part in parts)])[order],
+        np.concatenate([np.zeros(0, dtype=np.int64), *(part.state for part in parts)])[order],
+    )
+
+
+def taken(tracks: Tracks, rows: Bool[np.ndarray, "rows"]) -> Tracks:
+    """Some of the rows."""
+    return Tracks(tracks.point_index[rows], tracks.frame[rows], tracks.xy[rows], tracks.covariance[rows], tracks.state[rows])
+
+
+def fused_with_mark(tracks: Tracks, point: int, frame: int, xy: Float[np.ndarray, "2"], sigma: float) -> Tracks:
+    """The row of a marked frame, drawn to the mark as far as both are sure."""
+    here = (tracks.point_index == point) & (tracks.frame == frame)
+    if not here.any():
+        return tracks
+    k = int(np.flatnonzero(here)[0])
+    places, spreads = tracks.xy.copy(), tracks.covariance.copy()
+    gain = spreads[k] @ np.linalg.inv(spreads[k] + sigma**2 * np.eye(2))
+    places[k] = places[k] + gain @ (xy - places[k])
+    spreads[k] = (np.eye(2) - gain) @ spreads[k]
+    spreads[k] = 0.5 * (spreads[k] + spreads[k].T)
+    return replace(tracks, xy=places, covariance=spreads)

@@ -1,0 +1,166 @@
+"""One mark: what it repairs, what it leaves alone, what stays exact, and what is said where nothing explains it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from planewright.corrections.correct import correct
+from planewright.corrections.session import Mark, Session, with_mark
+from planewright.errors import Cancelled, UsageError
+from planewright.sketch.graph import PointId
+from planewright.tracking.tracks import State, Tracks
+
+A1, W0 = PointId("a1"), PointId("w0")
+
+
+def rows_of(session: Session, point: str) -> Tracks:
+    mine = session.tracks.point_index == session.row(PointId(point))
+    tracks = session.tracks
+    return Tracks(tracks.point_index[mine], tracks.frame[mine], tracks.xy[mine], tracks.covariance[mine], tracks.state[mine])
+
+
+def assert_same_rows(a: Tracks, b: Tracks) -> None:
+    for one, other in zip(vars(a).values(), vars(b).values(), strict=True):
+        assert_array_equal(one, other)
+
+
+def test_one_drag_repairs_a_bad_click_in_all_frames_and_moves_nothing_else(stage) -> None:
+    staged = stage(clicks={"w0": (7.0, 4.0)})
+    assert np.median(staged.errors(staged.session, "w0")) > 4.0
+    done = correct(staged.session, Mark(W0, 30, staged.at("w0", 30, (0.4, -0.3))))
+    assert done.kind == "moved"
+    assert done.points == ("w0",)
+    assert staged.errors(done.session, "w0").max() < 1.5
+    for point in staged.session.sketch.points:
+        if point.id != "w0":
+            assert_same_rows(rows_of(done.session, point.id), rows_of(staged.session, point.id))
+    assert any("first mark of w0" in sentence for sentence in done.sentences)
+
+
+def test_one_drag_puts_a_face_right_that_was_measured_on_something_else(stage) -> None:
+    staged = stage(plane={"lean_side": 0.25})
+    assert np.median(staged.errors(staged.session, "l1")) > 10.0
+    done = correct(staged.session, Mark(PointId("l1"), 0, staged.at("l1", 0)))
+    assert done.kind == "solved"
+    assert staged.errors(done.session, "l1").max() < 1.5
+
+
+def test_incidences_and_relations_stay_exact(stage) -> None:
+    wanted = (("orthogonal", "front", "side"), ("parallel", "front", "pane"))
+    staged = stage(clicks={"a1": (3.0, -2.0)}, relations=wanted)
+    done = correct(staged.session, Mark(A1, 33, staged.at("a1", 33)))
+    assert done.session.model is not None
+    scene, basis = done.session.model.structure.scene, done.session.model.structure.basis
+    assert basis is not None
+    face, corner = basis.incidences.T
+    off = (scene.normals[face] * scene.points[corner]).sum(axis=1) - scene.offsets[face]
+    assert np.abs(off).max() < 1e-9
+    rows = scene.face_row()
+    front, side, pane = (scene.normals[rows[name]] for name in ("front", "side", "pane"))
+    assert abs(front @ side) < 1e-9
+    assert np.linalg.norm(np.cross(front, pane)) < 1e-9
+    assert not np.array_equal(scene.points, staged.session.model.structure.scene.points)
+
+
+def test_what_shares_no_face_and_no_relation_keeps_its_bits(stage) -> None:
+    staged = stage(plane={"lean_side": 0.25})
+    done = correct(staged.session, Mark(PointId("l1"), 36, staged.at("l1", 36)))
+    sketch = staged.session.sketch
+    touched = {c for face in sketch.faces if "l1" in face.corners for c in face.corners}
+    apart = [p.id for p in sketch.points if p.id not in touched]
+    assert len(apart) > 5
+    for point in apart:
+        assert_same_rows(rows_of(done.session, point), rows_of(staged.session, point))
+    assert staged.session.model is not None and done.session.model is not None
+    old, new = staged.session.model.structure.scene, done.session.model.structure.scene
+    keep = [old.point_row()[PointId(point)] for point in apart]
+    assert_array_equal(new.points[keep], old.points[keep])
+
+
+def test_a_mark_that_the_model_contradicts_is_obeyed_in_the_image_and_said(stage) -> None:
+    staged = stage()
+    away = staged.at("m3", 20, (25.0, -18.0))
+    done = correct(staged.session, Mark(PointId("m3"), 20, away))
+    assert done.kind == "bridged"
+    assert done.session.model is not None and staged.session.model is not None
+    assert done.session.model.structure.scene.points is staged.session.model.structure.scene.points
+    rows = rows_of(done.session, "m3")
+    here = rows.frame == 20
+    np.testing.assert_allclose(rows.xy[here][0], away)
+    assert rows.state[here][0] == State.MARKED
+    assert set(rows.state[np.isin(rows.frame, done.frames) & ~here & (rows.state != State.MARKED)]) <= {State.BRIDGED, State.HIDDEN}
+    assert "px off in frame 20" in done.sentences[0]
+    assert "meet" in done.sentences[0] and "front" in done.sentences[0]
+    for point in ("w0", "a0", "l1"):
+        assert_same_rows(rows_of(done.session, point), rows_of(staged.session, point))
+
+
+def test_without_a_model_a_mark_acts_up_to_the_next_mark(stage) -> None:
+    staged = stage()
+    tracks = staged.session.tracks
+    row = staged.session.row(W0)
+    drift = np.where(tracks.point_index == row, np.clip(tracks.frame - 10, 0, 20) / 4.0, 0.0)
+    points = tuple(replace(p, marks={10: staged.at("w0", 10)}) if p.id == W0 else p for p in staged.session.sketch.points)
+    sketch = replace(staged.session.sketch, points=points)
+    flat = replace(staged.session, model=None, sketch=sketch, tracks=replace(tracks, xy=tracks.xy + drift[:, None] * [1.0, 0.5]))
+    done = correct(flat, Mark(W0, 30, staged.at("w0", 30)))
+    assert done.kind == "bridged"
+    rows, old = rows_of(done.session, "w0"), rows_of(flat, "w0")
+    between = (rows.frame > 10) & (rows.frame < 30)
+    errors = staged.errors(done.session, "w0")
+    assert errors[between].max() < 1.3
+    assert_array_equal(rows.xy[rows.frame < 10], old.xy[old.frame < 10])
+
+
+def test_the_same_mark_twice_gives_the_same_bits(stage) -> None:
+    staged = stage(clicks={"a1": (3.0, -2.0)})
+    mark = Mark(A1, 33, staged.at("a1", 33))
+    one, other = correct(staged.session, mark), correct(staged.session, mark)
+    assert_same_rows(one.session.tracks, other.session.tracks)
+
+
+def test_a_first_answer_comes_before_the_last_and_near_it(stage) -> None:
+    staged = stage(clicks={"w0": (7.0, 4.0)})
+    shown: list[Tracks] = []
+    done = correct(staged.session, Mark(W0, 30, staged.at("w0", 30)), preview=shown.append)
+    assert len(shown) == 1
+    final = rows_of(done.session, "w0")
+    at = np.searchsorted(final.frame, shown[0].frame)
+    assert 10 < len(at) < len(final.frame)
+    assert np.linalg.norm(final.xy[at] - shown[0].xy, axis=1).max() < 2.0
+
+
+def test_the_session_before_is_untouched_and_the_mark_is_in_the_drawing_after(stage) -> None:
+    staged = stage(clicks={"w0": (7.0, 4.0)})
+    before = rows_of(staged.session, "w0")
+    done = correct(staged.session, Mark(W0, 30, staged.at("w0", 30)))
+    assert_same_rows(rows_of(staged.session, "w0"), before)
+    assert 30 not in staged.session.sketch.points[staged.session.row(W0)].marks
+    assert 30 in done.session.sketch.points[done.session.row(W0)].marks
+    assert done.session.marks == (Mark(W0, 30, staged.at("w0", 30)),)
+
+
+def test_a_mark_parts_a_span_in_which_its_point_was_said_to_be_hidden(stage) -> None:
+    sketch = stage().session.sketch
+    hidden = replace(sketch, points=tuple(replace(p, hidden=((5, 20), (30, 31))) for p in sketch.points))
+    marked = with_mark(hidden, Mark(W0, 12, (1.0, 2.0)))
+    assert next(p for p in marked.points if p.id == "w0").hidden == ((5, 11), (13, 20), (30, 31))
+    assert next(p for p in marked.points if p.id == "a0").hidden == ((5, 20), (30, 31))
+
+
+def test_what_cannot_be_carried_out_is_said(stage) -> None:
+    session = stage().session
+    with pytest.raises(UsageError, match="no point nobody"):
+        correct(session, Mark(PointId("nobody"), 3, (1.0, 1.0)))
+    with pytest.raises(UsageError, match="Frame 40"):
+        correct(session, Mark(W0, 40, (1.0, 1.0)))
+    with pytest.raises(UsageError, match="finite"):
+        correct(session, Mark(W0, 3, (float("nan"), 1.0)))
+
+    def stop(title: str, done: int, total: int | None) -> None:
+        raise Cancelled("Stopped.")
+
+    with pytest.raises(Cancelled):
+        correct(session, Mark(W0, 3, (100.0, 100.0)), progress=stop)
