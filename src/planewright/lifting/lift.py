@@ -240,7 +240,7 @@ class _Lifter:
         """Hypotheses of a face of which no view shows three located corners: the planes on which most of the scene lies tell where its
         corners would be, and so where to look."""
         rows = [self.rays.of_point(c)[0] for c in self.loops[face] if len(self.rays.of_point(c))]
-        if len(rows) < 3 or (face, -1, 0) in self.tried:
+        if len(rows) < 3 or any(f == face for f, *_ in self.tried):
             return
         self.tried.add((face, -1, 0))
         corners = [int(self.rays.point[row]) for row in rows]
@@ -574,11 +574,36 @@ class _Lifter:
     def planes_through(self, face: int) -> list[Hypothesis]:
         independent = [c for c in dict.fromkeys(self.corners[face]) if self.known[c] and (c in self.triangulated or self.told_by[c] - {face})]
         known = np.array([c for c in independent if self.spread[c] < 20 * self.plane_sigma], int)
+        if len(known) == 2:
+            return self.standing(face, known)
         if guess := self.through(known):
             return [guess]
         if not 4 <= len(known) <= 12:
             return []
         return [guess for c in known if (guess := self.through(known[known != c]))]
+
+    def standing(self, face: int, known: Int[np.ndarray, "two"]) -> list[Hypothesis]:
+        """Planes through two known corners and one that nothing has located yet, but that is drawn over another face: most likely it
+        stands on it, as a box does on the ground."""
+        out: list[Hypothesis] = []
+        for c in self.corners[face]:
+            rows = self.rays.of_point(c)[:1]
+            if self.known[c] or len(rows) == 0:
+                continue
+            view = int(self.rays.view[rows[0]])
+            x, y = (int(v) for v in self.rays.xy[rows[0]])
+            depths: list[float] = []
+            for g, ground in enumerate(self.choice):
+                drawn = None if ground is None or c in self.corners[g] else self.mask(view, g)
+                if ground is not None and drawn is not None and 0 <= y < len(drawn[0]) and 0 <= x < drawn[0].shape[1] and drawn[0][y, x]:
+                    depths.append(float(meet(self.rays, rows, ground.normal, ground.offset)[0][0]))
+            if not depths or min(depths) <= 0:
+                continue
+            xyz = np.concatenate([self.points[known], self.rays.origin[rows] + min(depths) * self.rays.direction[rows]])
+            normal, offset = fit_plane(xyz, np.ones(3))
+            if np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)[1] > 8.0 * self.plane_sigma * float(np.median(depths)):
+                out.append(Hypothesis(normal, offset, float("nan"), -1, xyz, np.zeros((3, self.num_faces), bool), support=0.7))
+        return out
 
     def through(self, corners: Int[np.ndarray, "corners"]) -> Hypothesis | None:
         """The plane through known corners; None where they are on a line, or disagree."""

@@ -27,6 +27,10 @@ from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, corner_lin
 from planewright.tracking.visibility import owners_in_views
 from planewright.video.frames import Frames
 
+STRAYED = 12.0
+"""A corner further from all its marks than this, pixels, starts anew where one of its planes meets one of them."""
+GLANCE = 0.1
+"""Sine of the angle at which a ray must meet a plane to say where on it."""
 UNSEEN = 60.0
 """A face that no view shows with more working pixels than this counts as never seen."""
 
@@ -156,8 +160,35 @@ def _round(
         lines=corner_lines(lines, state.points),
         priors=priors,
     )
-    start = PlanarStart(state.points, state.known, state.normals, state.offsets, state.face_known)
+    start = PlanarStart(_recalled(sketch, rays, views, state), state.known, state.normals, state.offsets, state.face_known)
     return adjust_structure(sketch, start, evidence, proposed, options.adjust), lines
+
+
+def _recalled(sketch: Sketch, rays: MarkRays, views: Views, state: _State) -> Float[np.ndarray, "points 3"]:
+    """The corners, those that strayed from all of their marks (their robust loss has let go of them for good) back where the ray of a mark
+    meets the face that it meets most squarely; where it meets none at more than `GLANCE` they stay."""
+    points, known = state.points.copy(), state.face_known
+    for c in np.nonzero(_strayed(rays, views, state.points, STRAYED * views.scale) & state.known)[0]:
+        faces = [f for f, face in enumerate(sketch.faces) if known[f] and sketch.points[c].id in face.corners]
+        best = GLANCE
+        for row in rays.of_point(int(c)):
+            direction = rays.direction[row] / np.linalg.norm(rays.direction[row])
+            for f in faces:
+                along = float(direction @ state.normals[f])
+                distance = (state.offsets[f] - float(rays.origin[row] @ state.normals[f])) / along if abs(along) > best else -1.0
+                if distance > 0:
+                    best, points[c] = abs(along), rays.origin[row] + distance * direction
+    return points
+
+
+def _strayed(rays: MarkRays, views: Views, points: Float[np.ndarray, "points 3"], limit: float) -> Bool[np.ndarray, "points"]:
+    """Corners that lie further than `limit` (working pixels) from all of their marks."""
+    projections = views.projections[rays.view]
+    seen = np.einsum("nij,nj->ni", projections[:, :, :3], points[rays.point]) + projections[:, :, 3]
+    off = np.linalg.norm(seen[:, :2] / np.where(np.abs(seen[:, 2:]) < 1e-9, 1e-9, seen[:, 2:]) - rays.xy, axis=1)
+    nearest = np.full(len(points), np.inf)
+    np.minimum.at(nearest, rays.point, np.where(np.isfinite(off), off, np.inf))
+    return np.isfinite(nearest) & (nearest > limit)
 
 
 def _with_lifted(measured: PlanePoints, lifted: Lifted, sigma: float) -> PlanePoints:
