@@ -18,7 +18,7 @@ class BuildingOptions:
     what was meant, 0.36 at most; faces hold each other by their corners, so some may turn a little less.
     """
     rounds: int = 20
-    """Newton steps; 2 reach the rounding of the arithmetic, but where faces share four corners (a pane in its wall) they come near it slowly: 20 reach 2e-13."""
+    """Newton steps; 2 reach the rounding of the arithmetic, but where faces share four corners (a pane in a wall) they come near it slowly: 20 reach 2e-13."""
 
 
 def _incidences(scene: Scene) -> Int[np.ndarray, "incidences 2"]:
