@@ -210,8 +210,8 @@ class _Follower:
         mask = face_mask(gray.shape, loop, [], others, o.templates.erosion)
         template = make_template(levels, mask, self.numbers[k], strand.h, np.zeros((8, 8)), o.templates)
         if template is None:
-            # Too thin for a margin: all of it.
-            template = make_template(levels, face_mask(gray.shape, loop, [], [], 0.0), self.numbers[k], strand.h, np.zeros((8, 8)), o.templates)
+            # Too thin for a margin like that.
+            template = make_template(levels, face_mask(gray.shape, loop, [], others, 1.0), self.numbers[k], strand.h, np.zeros((8, 8)), o.templates)
         if template is None:
             return
         self.templates[s] = [template]

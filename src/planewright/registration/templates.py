@@ -23,8 +23,10 @@ class TemplateOptions:
     """Of the image, pixels; it takes out the pull of interpolation towards whole pixels, and most of the noise."""
     level_smoothing: float = 0.7
     """Of each coarser level, its own pixels."""
-    erosion: float = 2.0
-    """Pixels left free along the face's border, where the other side shines in."""
+    erosion: float = 4.0
+    """Pixels left free along the face's border: marks are a pixel or two beside it, and smoothing lets the other side shine in."""
+    level_erosion: int = 1
+    """Likewise on the coarser levels, their own pixels, besides."""
     shading: float = 12.0
     """What changes over more than about this many pixels of the frame counts as shading."""
     max_pixels: tuple[int, ...] = (1400, 700, 350, 200)
@@ -118,7 +120,11 @@ def make_template(
     for k, image in enumerate(levels):
         if k:
             share = cv2.resize(share[: 2 * image.shape[0], : 2 * image.shape[1]], (image.shape[1], image.shape[0]), interpolation=cv2.INTER_AREA)
-        made.append(_level(image, np.asarray(share) > 0.75, k, h, options))
+        inside = (np.asarray(share) > 0.75).astype(np.uint8)
+        if k and options.level_erosion:
+            side = 2 * options.level_erosion + 1
+            inside = np.asarray(cv2.erode(inside, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=1))
+        made.append(_level(image, inside.astype(bool), k, h, options))
     return None if made[0] is None else Template(frame, h, covariance, tuple(made))
 
 
