@@ -419,19 +419,25 @@ class _Follower:
     def _measure_lines(self, k: int, image: Level, rows: Sequence[int]) -> None:
         """Lines at the drawn edges of the registered strands; what they add to the homographies; which strands are found."""
         o = self.options
-        if not rows:
-            return
-        ends = [loop_ends(self.strands[s], self.h[s, k]) for s in rows]
-        every = np.concatenate(ends)
-        out = np.zeros((len(every), 4))
-        find_lines(image, np.where(np.isfinite(every), every, -1e4), o.search, o.spacing, o.min_step, out)
-        out[out[:, 3] < o.min_share] = np.nan
-        at = 0
-        for s, own in zip(rows, ends, strict=True):
-            lines = out[at : at + len(own)]
-            at += len(own)
-            self.lines[s, k, : len(own)] = lines
-            self._use_lines(s, k, own, lines)
+        # What the pixels leave open, lines further off may settle; the others are then looked for from there.
+        loose = [s for s in rows if _worst_corner(self.h[s, k], self.p[s, k], self.strands[s].q) > o.sure_sigma]
+        for some, search in ((loose, 2 * o.search), (rows, o.search)):
+            if not some:
+                continue
+            ends = [loop_ends(self.strands[s], self.h[s, k]) for s in some]
+            every = np.concatenate(ends)
+            out = np.zeros((len(every), 4))
+            find_lines(image, np.where(np.isfinite(every), every, -1e4), search, o.spacing, o.min_step, out)
+            out[out[:, 3] < o.min_share] = np.nan
+            at = 0
+            for s, own in zip(some, ends, strict=True):
+                self.lines[s, k, : len(own)] = out[at : at + len(own)]
+                at += len(own)
+                before = self.p[s, k].copy()
+                self._use_lines(s, k, own, self.lines[s, k, : len(own)].astype(np.float64))
+                if search > o.search:
+                    self.p[s, k] = before  # the same lines must not count twice
+        for s in rows:
             self.found[s, k] = _worst_corner(self.h[s, k], self.p[s, k], self.strands[s].q) <= o.max_sigma and self._worth(self.h[s, k])
 
     def _use_lines(self, s: int, k: int, ends: Float[np.ndarray, "edges 4"], lines: Float[np.ndarray, "edges 4"]) -> None:
