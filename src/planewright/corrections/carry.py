@@ -21,13 +21,14 @@ class CarryOptions:
 
     common_sigma: float = 0.3
     """Error that the model and the frames have in common, pixels; it is in every covariance and takes no part in the fusion. As in `CornerOptions`."""
-    frame_sigma: float = 0.2
-    """Standard deviation of what each frame adds by itself, pixels; it is in every covariance as well."""
     alone_sigma: float = 0.6
     """Standard deviation of what a frame may add to the model's projection where no frame is believed, pixels."""
     contradiction: float = 9.2
     """Where the frames are off the new projection by more than this on average (chi-square with two degrees of freedom, 1 %), they looked at something
     else, and are not believed."""
+    slack: float = 1.0
+    """Standard deviation (pixels) granted to the new projection in that. Its own covariance would grant too much: after a wrong face is given up it is
+    wide, and frames that looked along the wrong face would be believed (desktop: 91 % within 2 px in place of 97.6)."""
     far: float = 5.0
     """A corner that moves by more than this (pixels) may be hidden by something else than before: what hides it is worked out anew."""
     occluder_tolerance: float = 0.004
@@ -46,7 +47,14 @@ class _Seen:
 
 
 def carry_tracks(
-    old: Tracks, before: PlanarScene, after: PlanarScene, cameras: Cameras, moved: Bool[np.ndarray, "points"], options: CarryOptions = CarryOptions()
+    old: Tracks,
+    before: PlanarScene,
+    after: PlanarScene,
+    cameras: Cameras,
+    moved: Bool[np.ndarray, "points"],
+    options: CarryOptions = CarryOptions(),
+    *,
+    doubted: Bool[np.ndarray, "points"] | None = None,
 ) -> Tracks:
     """The tracks of the moved corners in all frames with a pose.
 
@@ -54,6 +62,7 @@ def carry_tracks(
         old: tracks that go with `before`.
         after: with the sketch in which the marks are up to date.
         moved: the corners to be carried; those that `after` does not know have no rows but their marks.
+        doubted: corners whose old tracks are not believed, because a mark contradicts them.
     """
     rows = np.flatnonzero(cameras.posed)
     chosen = np.flatnonzero(moved & after.point_known)
@@ -62,10 +71,12 @@ def carry_tracks(
     xy, covariance, state = _table(old, cameras.frame[rows], chosen)
     usable = np.isfinite(past.xy).all(axis=2) & np.isfinite(xy).all(axis=2) & before.point_known[chosen] & np.isin(state, (State.TRACKED, State.BRIDGED))
     eye = np.eye(2)
-    own = (options.common_sigma**2 + options.frame_sigma**2) * eye
+    own = options.common_sigma**2 * eye
     covariance = np.where(usable[..., None, None], covariance, eye)
     model = new.covariance + 1e-6 * eye
-    believed = usable & _believed(xy - new.xy, covariance + model, usable & np.isfinite(new.xy).all(axis=2), options)
+    believed = usable & _believed(xy - new.xy, covariance + options.slack**2 * eye, usable & np.isfinite(new.xy).all(axis=2), options)
+    if doubted is not None:
+        believed &= ~doubted[chosen]
     # With information M^-1 of the model and L of the frames, a move of the model moves the fusion by (M^-1 + L)^-1 M^-1 of it.
     prior = np.linalg.inv(model)
     before_it = np.linalg.inv(past.covariance + 1e-6 * eye)
@@ -234,6 +245,15 @@ def joined(parts: list[Tracks]) -> Tracks:
 def taken(tracks: Tracks, rows: Bool[np.ndarray, "rows"]) -> Tracks:
     """Some of the rows."""
     return Tracks(tracks.point_index[rows], tracks.frame[rows], tracks.xy[rows], tracks.covariance[rows], tracks.state[rows])
+
+
+def contradicted(tracks: Tracks, point: int, frame: int, xy: Float[np.ndarray, "2"], sigma: float, limit: float) -> bool:
+    """Whether a mark is further off the track than both allow: chi-square with two degrees of freedom above `limit`."""
+    here = np.flatnonzero((tracks.point_index == point) & (tracks.frame == frame))
+    if len(here) == 0:
+        return True
+    away = tracks.xy[here[0]] - xy
+    return bool(away @ np.linalg.solve(tracks.covariance[here[0]] + sigma**2 * np.eye(2), away) > limit)
 
 
 def fused_with_mark(tracks: Tracks, point: int, frame: int, xy: Float[np.ndarray, "2"], sigma: float) -> Tracks:
