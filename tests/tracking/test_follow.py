@@ -1,15 +1,20 @@
 """Corners in every frame: near the truth, within what is claimed, in pixels as displayed."""
 
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planewright.geometry.camera import Intrinsics
 from planewright.geometry.rigid import rotations_from_vectors
+from planewright.synthetic.houses import demo_scene
 from planewright.synthetic.observe import true_tracks
-from planewright.tracking.follow import follow_corners
+from planewright.tracking.appearance import AppearanceOptions
+from planewright.tracking.follow import CornerOptions, follow_corners
 from planewright.tracking.tracks import State, Tracks
 
 
@@ -152,3 +157,99 @@ def test_the_same_is_found_twice(shed, tracks: Tracks) -> None:
     again = follow_corners(shed.frames, shed.scene, shed.cameras)
     assert again.xy.tobytes() == tracks.xy.tobytes()
     assert again.covariance.tobytes() == tracks.covariance.tobytes()
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbed:
+    """Frames with something done to some of them."""
+
+    frames: Any
+    change: Callable[[int, np.ndarray], np.ndarray]
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        return self.frames.image_size
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        return self.frames.numbers
+
+    def color(self, numbers: Sequence[int]) -> Iterator[tuple[int, np.ndarray]]:
+        for number, image in self.frames.color(numbers):
+            yield number, self.change(number, image.copy())
+
+    def gray(self, numbers: Sequence[int]) -> Iterator[tuple[int, np.ndarray]]:
+        for number, image in self.color(numbers):
+            yield number, np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def covered(shed) -> tuple[Disturbed, np.ndarray]:
+    """A striped hand that moves through the picture in frames 12 to 27, and which corners are behind it in which frames."""
+    path = {k: np.array([60.0 + 14.0 * (k - 12), 80.0 + 2.0 * (k - 12)]) for k in range(12, 28)}
+    y, x = np.mgrid[0:180, 0:320] + 0.5
+
+    def pass_by(number: int, image: np.ndarray) -> np.ndarray:
+        if number in path:
+            inside = np.hypot(x - path[number][0], y - path[number][1]) < 34
+            image[inside] = np.where(((x + y).astype(int) // 5 % 2 == 0)[..., None], [205, 150, 120], [150, 96, 76])[inside].astype(np.uint8)
+        return image
+
+    at = shed.pixels(shed.scene.points)
+    behind = np.array([[k in path and bool(np.hypot(*(at[k, i] - path[k])) < 34) for i in range(at.shape[1])] for k in range(len(at))])
+    return Disturbed(shed.frames, pass_by), behind
+
+
+def hidden_f1(found: Tracks, other: Tracks, behind: np.ndarray) -> float:
+    """Of the frames in which a corner is behind the hand, among those in which it can be seen without it."""
+    asked = np.isin(other.state, [State.TRACKED])
+    said, true = (found.state == State.HIDDEN)[asked], behind[found.frame, found.point_index][asked]
+    return 2 * (said & true).sum() / (said.sum() + true.sum())
+
+
+def test_what_nobody_sketched_hides_corners_and_does_not_bend_their_tracks(shed, tracks: Tracks, covered) -> None:
+    frames, behind = covered
+    found = follow_corners(frames, shed.scene, shed.cameras)
+    blind = follow_corners(frames, shed.scene, shed.cameras, CornerOptions(appearance=AppearanceOptions(most=0.0)))
+    assert behind.sum() > 30
+    assert hidden_f1(found, tracks, behind) > 0.85
+    assert hidden_f1(blind, tracks, behind) == 0.0
+    hidden = behind[found.frame, found.point_index]
+    assert np.percentile(np.linalg.norm(errors(shed, found)[hidden], axis=1), 95) < 0.8
+    seen = (tracks.state == State.TRACKED) & ~hidden
+    assert (found.state[seen] == State.TRACKED).mean() > 0.98
+
+
+def test_one_frame_with_wrong_lines_does_not_bend_the_path(shed, tracks: Tracks) -> None:
+    wrong = next(image for _, image in shed.frames.color([31]))
+    found = follow_corners(Disturbed(shed.frames, lambda number, image: wrong if number == 20 else image), shed.scene, shed.cameras)
+    here = found.frame == 20
+    assert np.linalg.norm(errors(shed, found)[here], axis=1).max() < 2.0
+    assert np.median(np.linalg.norm(errors(shed, found)[here], axis=1)) < 0.6
+    assert_allclose(found.xy[~here], tracks.xy[~here], atol=0.3)
+
+
+def test_a_change_of_exposure_hides_nothing(shed, tracks: Tracks) -> None:
+    def expose(number: int, image: np.ndarray) -> np.ndarray:
+        gain = 0.55 if 10 <= number < 20 else 1.0
+        return np.clip(gain * image.astype(float), 0, 255).astype(np.uint8)
+
+    found = follow_corners(Disturbed(shed.frames, expose), shed.scene, shed.cameras)
+    seen = tracks.state == State.TRACKED
+    assert (found.state[seen] == State.TRACKED).mean() > 0.98
+    assert np.median(np.linalg.norm(errors(shed, found)[seen], axis=1)) < 0.25
+
+
+def test_corners_that_leave_the_picture_come_back_where_they_are(film) -> None:
+    clip = demo_scene(40, (320, 180))
+    turned = film(replace(clip, path=replace(clip.path, pan_deg=(-22.0, 22.0))))
+    found = follow_corners(turned.frames, turned.scene, turned.cameras)
+    _, visible, in_image = true_tracks(turned.clip)
+    rows = [list(turned.clip.scene.points).index(point.id) for point in turned.sketch.points]
+    visible, in_image = visible[rows][found.point_index, found.frame], in_image[rows][found.point_index, found.frame]
+    open_to_doubt = found.state != State.MARKED
+    assert (~in_image).sum() > 80
+    assert (found.state[~in_image & open_to_doubt] == State.PREDICTED).mean() > 0.97
+    assert (found.state[visible & open_to_doubt] == State.TRACKED).mean() > 0.95
+    off = np.linalg.norm(found.xy - turned.pixels(turned.scene.points)[found.frame, found.point_index], axis=1)
+    assert np.percentile(off[visible], 95) < 1.0

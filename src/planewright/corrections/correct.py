@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from planewright.arrays import Bool, Int
 from planewright.corrections.bridge import BridgeOptions, bridged, bridged_at_once, bridges, replaced
-from planewright.corrections.carry import CarryOptions, carry_tracks, fused_with_mark, joined, taken
+from planewright.corrections.carry import CarryOptions, carry_tracks, contradicted, fused_with_mark, joined, taken
 from planewright.corrections.explanations import ExplainOptions, Explanation, alone_at, explain, present_price
 from planewright.corrections.session import Mark, Model, Session, with_mark
 from planewright.errors import UsageError
@@ -142,8 +142,11 @@ def _in_space(session: Session, model: Model, corner: int, mark: Mark, options: 
     if best is None or best.off**2 > limit or best.price - present_price(scene, structure.basis, options.explain) > options.price_of_model:
         return _in_image(session, corner, mark, options, preview, progress, against=best)
     after, moved = _scene_after(scene, best, corner)
-    rows = carry_tracks(session.tracks, scene, after, cameras, moved, options.carry)
-    rows = fused_with_mark(rows, corner, mark.frame, np.array(mark.xy), options.mark_sigma)
+    place = np.array(mark.xy)
+    wrong = contradicted(session.tracks, corner, mark.frame, place, options.mark_sigma, options.carry.contradiction)
+    doubted = (np.arange(len(scene.points)) == corner) & wrong
+    rows = carry_tracks(session.tracks, scene, after, cameras, moved, options.carry, doubted=doubted)
+    rows = fused_with_mark(rows, corner, mark.frame, place, options.mark_sigma)
     tracks = joined([taken(session.tracks, ~moved[session.tracks.point_index]), rows])
     changed = replace(structure, scene=after, basis=best.basis, lines=tuple(line for line in structure.lines if line.edge not in best.edges))
     final = replace(session, tracks=tracks, model=replace(model, structure=changed))

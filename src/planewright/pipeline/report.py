@@ -6,7 +6,7 @@ import jinja2
 
 from planewright.pipeline.report_diagrams import camera_picture, error_picture, lanes_picture
 from planewright.pipeline.report_pictures import overlay_pictures, sketch_picture, trails_picture
-from planewright.pipeline.report_tables import adjacency_table, face_table, point_table, relation_table
+from planewright.pipeline.report_tables import adjacency_table, correction_table, face_table, point_table, relation_table
 from planewright.pipeline.result import Result, reprojection_errors, rmse
 from planewright.pipeline.views import model_views
 from planewright.progress import Progress, silent
@@ -42,7 +42,7 @@ def make_report(frames: Frames, result: Result, stages: Sequence[tuple[str, str]
         errors=error_picture(result, frames.numbers),
         trails=trails_picture(frames, result),
         cameras=camera_picture(result.cameras, result.scene, result.model),
-        tables=[face_table(result.scene), relation_table(result), adjacency_table(result), point_table(result.scene, result.tracks)],
+        tables=[correction_table(result), face_table(result.scene), relation_table(result), adjacency_table(result), point_table(result.scene, result.tracks)],
         stages=stages,
         facts=facts,
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planewright.pipeline.result import Result, normal_sigmas_deg
+from planewright.pipeline.result import Result, next_corrections, normal_sigmas_deg
 from planewright.planes.planar_scene import PlanarScene
 from planewright.relations.relation import Relation
 from planewright.tracking.tracks import State, Tracks
@@ -94,6 +94,13 @@ def point_table(scene: PlanarScene, tracks: Tracks) -> Table:
             rows.append(Row((short(point.id), "not determined", "", *counts), css="bad"))
     head = ("corner", "position", "sigma", "marked", "measured", "predicted", "hidden")
     return Table("Corners", head, tuple(rows), numeric=frozenset({2, 3, 4, 5, 6}), note="The last four columns count frames.")
+
+
+def correction_table(result: Result) -> Table:
+    """The marks worth making next."""
+    rows = [Row((short(mark.point), str(mark.frame), f"{mark.gain:.0f}", mark.reason)) for mark in next_corrections(result)]
+    note = "Frames gained: in which the corner is expected to come from more than 5 px off to within." if rows else "Nothing is worth a correction."
+    return Table("Next corrections", ("corner", "frame", "frames gained", "why"), tuple(rows), numeric=frozenset({1, 2}), note=note)
 
 
 def figure(value: float | None, sigma: float | None) -> str:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from planewright.arrays import Float
+from planewright.corrections.session import Model
+from planewright.corrections.suggest import Suggestion, rank_corrections
 from planewright.model.planar_model import PlanarModel
 from planewright.planes.planar_scene import PlanarScene
 from planewright.refine.rounds import Structure
@@ -18,6 +20,9 @@ from planewright.video.clip import ClipInfo
 
 MODELS = {0: "SIMPLE_PINHOLE", 1: "SIMPLE_RADIAL", 2: "RADIAL"}
 """COLMAP's names by the number of distortion terms."""
+
+NEXT_CORRECTIONS = 8
+"""Corrections named in a result, at most; those that gain less than one frame are not worth a person's time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +42,12 @@ class Result:
     def scene(self) -> PlanarScene:
         """Corners and planes."""
         return self.structure.scene
+
+
+def next_corrections(result: Result) -> tuple[Suggestion, ...]:
+    """The marks that would gain most: in how many frames they bring a corner from more than 5 px off to within."""
+    ranked = rank_corrections(result.scene.sketch, result.tracks, Model(result.cameras, result.structure), NEXT_CORRECTIONS)
+    return tuple(mark for mark in ranked if mark.gain >= 1.0)
 
 
 def reprojection_errors(result: Result) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]]:
@@ -101,6 +112,7 @@ def document(result: Result) -> dict[str, Any]:
             "corrections": sum(max(len(point.marks) - 1, 0) for point in scene.sketch.points),
             "reprojection_rmse_px": rmse(errors),
             "warnings": list(result.warnings),
+            "next_corrections": [{"point": mark.point, "frame": mark.frame, "gain": mark.gain, "reason": mark.reason} for mark in next_corrections(result)],
         },
     }
 

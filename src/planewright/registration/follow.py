@@ -13,7 +13,7 @@ from planewright.registration.homography import apply_homography, change_jacobia
 from planewright.registration.kernels import align_face, find_lines
 from planewright.registration.registered import CELLS, Registered
 from planewright.registration.strands import Strand, find_strands
-from planewright.registration.templates import Level, Template, TemplateOptions, cell_of, face_mask, make_template, pyramid, to_level
+from planewright.registration.templates import Level, Template, TemplateLevel, TemplateOptions, cell_of, face_mask, make_template, pyramid, to_level
 from planewright.sketch.graph import Sketch
 from planewright.video.frames import Frames
 
@@ -41,6 +41,8 @@ class RegistrationOptions:
     """A face whose corners are known worse than this, pixels, is not looked for any more."""
     grey_sigma: float = 1.0
     """Least standard deviation of a smoothed grey value: noise and compression."""
+    least_grey_sigma: float = 0.3
+    """The same on the coarse levels, where noise averages out but compression does not."""
     independent: float = 12.0
     """Neighbouring pixels of a frame that count as one: what its smoothing correlates (4 pi sigma^2)."""
     sure_sigma: float = 1.0
@@ -208,8 +210,8 @@ class _Follower:
         mask = face_mask(gray.shape, loop, [], others, o.templates.erosion)
         template = make_template(levels, mask, self.numbers[k], strand.h, np.zeros((8, 8)), o.templates)
         if template is None:
-            # Too thin for a margin: all of it.
-            template = make_template(levels, face_mask(gray.shape, loop, [], [], 0.0), self.numbers[k], strand.h, np.zeros((8, 8)), o.templates)
+            # Too thin for a margin like that.
+            template = make_template(levels, face_mask(gray.shape, loop, [], others, 1.0), self.numbers[k], strand.h, np.zeros((8, 8)), o.templates)
         if template is None:
             return
         self.templates[s] = [template]
@@ -350,76 +352,92 @@ class _Follower:
         return bool((corners.max(axis=0) > 0).all() and corners[:, 0].min() < width and corners[:, 1].min() < height)
 
     def _register(self, s: int, k: int, levels: Sequence[Level]) -> None:
+        """Coarse to fine; the level that knows the face best has the last word: the finest, unless noise drowns what a face shows there."""
         o = self.options
         guess, spread = self.h[s, k].copy(), self.p[s, k].copy()
         template = self._best_template(s, guess)
         prior = np.linalg.inv(spread + 1e-10 * np.eye(8))
-        h, deviation = guess.copy(), np.zeros(8)
         worst = _worst_corner(guess, spread)
-        information, figures = np.zeros((8, 8)), np.zeros(6)
-        weights = np.zeros(0)
-        fine = template.levels[0]
-        assert fine is not None  # make_template has seen to it
-        # Coarse levels only as far as the prediction may be wrong: level l reaches about 2^l pixels.
-        first = min(len(levels), len(template.levels)) - 1
-        while first > 0 and 2.0**first > max(1.5 * worst, 2.0):
-            first -= 1
         # A face seen smaller than in its template has fewer pixels in this frame than the template has.
         shrunk = np.linalg.det(point_jacobian(guess, np.zeros((1, 2)))[0]) / np.linalg.det(point_jacobian(template.h, np.zeros((1, 2)))[0])
         crowding = o.independent / float(np.clip(shrunk, 0.02, 1.0))
-        good = False
-        for level in range(first, -1, -1):
+        h, deviation = guess.copy(), np.zeros(8)
+        best: _Aligned | None = None
+        for level in range(self._first_level(template, len(levels), worst), -1, -1):
             t = template.levels[level]
             if t is None:
                 continue
             scaled = to_level(level) @ h
             scaled /= scaled[2, 2]
-            weights = np.zeros(len(t.q))
-            offset = deviation.copy()
+            weights, information, figures, offset = np.zeros(len(t.q)), np.zeros((8, 8)), np.zeros(6), deviation.copy()
+            floor = max(o.grey_sigma * 0.5**level, o.least_grey_sigma)
+            crowd, clear = max(t.share * crowding / (1 if level == 0 else 2), 1.0), _clear_share(t, floor)
             good = align_face(
-                levels[level], t.q, t.values, t.steepest, scaled, offset, prior, o.grey_sigma, max(t.share * crowding / (1 if level == 0 else 2), 1.0),
-                o.iterations, 0.02 if level == 0 else 0.05, weights, information, figures,
+                levels[level], t.q, t.values, t.steepest, scaled, offset, prior, floor, crowd / clear**2, o.iterations,
+                0.02 if level == 0 else 0.05, weights, information, figures,
             )  # fmt: skip
-            if good:
-                h, deviation = np.linalg.inv(to_level(level)) @ scaled, offset
-                h /= h[2, 2]
-            elif level == 0:
-                return
-        covariance = np.linalg.inv(information + prior)
-        contrast = float(fine.values.var())
-        reliable = max(contrast - o.grey_sigma**2, 0.0) / max(contrast, 1e-9)
+            if not good:
+                continue
+            h, deviation = np.linalg.inv(to_level(level)) @ scaled, offset
+            h /= h[2, 2]
+            # The template's own noise looks like slope, and says nothing.
+            now = _clear_share(t, max(float(figures[3]), floor))
+            covariance = np.linalg.inv(information * (now / clear) ** 2 + prior)
+            error = _worst_corner(h, covariance)
+            if best is None or error < best.error:
+                best = _Aligned(h, covariance, error, t, weights, figures, floor)
+        if best is None:
+            return
+        t, figures = best.level, best.figures
+        contrast = float(t.values.var())
+        reliable = max(contrast - best.floor**2, 0.0) / max(contrast, 1e-9)
         lost = self.missed[s] >= 3
         correlation, residual = (o.again_correlation, o.again_residual) if lost else (o.min_correlation, o.max_residual)
-        before, after = apply_homography(guess, CORNERS), apply_homography(h, CORNERS)
+        before, after = apply_homography(guess, CORNERS), apply_homography(best.h, CORNERS)
         jump = float(np.abs(after - before).max()) if np.isfinite(after).all() else np.inf
-        alike = figures[0] >= correlation * reliable and figures[3] <= 3 * o.grey_sigma + residual * figures[4] * np.sqrt(contrast)
-        accepted = good and alike and figures[1] >= o.min_weight and jump <= o.max_jump + 3 * worst and self._worth(h)
-        if not accepted:
+        alike = figures[0] >= correlation * reliable and figures[3] <= 3 * best.floor + residual * figures[4] * np.sqrt(contrast)
+        if not (alike and figures[1] >= o.min_weight and jump <= o.max_jump + 3 * worst and self._worth(best.h)):
             return
-        self.h[s, k], self.p[s, k] = h, covariance + template.covariance
+        self.h[s, k], self.p[s, k] = best.h, best.covariance + template.covariance
         self.correlation[s, k] = max(float(figures[0]), 1e-3)
-        inside = weights >= 0
-        cell = _cells(template)[inside]
+        inside = best.weights >= 0
+        cell = cell_of(t.q, CELLS)[inside]
         total = np.bincount(cell, minlength=CELLS * CELLS)
         with np.errstate(invalid="ignore"):
-            self.support[s, k] = np.bincount(cell, weights=weights[inside] > 0.3, minlength=CELLS * CELLS) / np.where(total > 0, total, np.nan)
+            self.support[s, k] = np.bincount(cell, weights=best.weights[inside] > 0.3, minlength=CELLS * CELLS) / np.where(total > 0, total, np.nan)
+
+    def _first_level(self, template: Template, count: int, worst: float) -> int:
+        """Coarse levels as far as the prediction may be wrong, for level l reaches about 2^l pixels, and as noise hides what the finer ones show."""
+        first = min(count, len(template.levels)) - 1
+        while first > 0 and 2.0**first > max(1.5 * worst, 2.0):
+            t = template.levels[first - 1]
+            if t is not None and _clear_share(t, max(self.options.grey_sigma * 0.5 ** (first - 1), self.options.least_grey_sigma)) < 0.5:
+                break
+            first -= 1
+        return first
 
     def _measure_lines(self, k: int, image: Level, rows: Sequence[int]) -> None:
         """Lines at the drawn edges of the registered strands; what they add to the homographies; which strands are found."""
         o = self.options
-        if not rows:
-            return
-        ends = [loop_ends(self.strands[s], self.h[s, k]) for s in rows]
-        every = np.concatenate(ends)
-        out = np.zeros((len(every), 4))
-        find_lines(image, np.where(np.isfinite(every), every, -1e4), o.search, o.spacing, o.min_step, out)
-        out[out[:, 3] < o.min_share] = np.nan
-        at = 0
-        for s, own in zip(rows, ends, strict=True):
-            lines = out[at : at + len(own)]
-            at += len(own)
-            self.lines[s, k, : len(own)] = lines
-            self._use_lines(s, k, own, lines)
+        # What the pixels leave open, lines further off may settle; the others are then looked for from there.
+        loose = [s for s in rows if _worst_corner(self.h[s, k], self.p[s, k], self.strands[s].q) > o.sure_sigma]
+        for some, search in ((loose, 2 * o.search), (rows, o.search)):
+            if not some:
+                continue
+            ends = [loop_ends(self.strands[s], self.h[s, k]) for s in some]
+            every = np.concatenate(ends)
+            out = np.zeros((len(every), 4))
+            find_lines(image, np.where(np.isfinite(every), every, -1e4), search, o.spacing, o.min_step, out)
+            out[out[:, 3] < o.min_share] = np.nan
+            at = 0
+            for s, own in zip(some, ends, strict=True):
+                self.lines[s, k, : len(own)] = out[at : at + len(own)]
+                at += len(own)
+                before = self.p[s, k].copy()
+                self._use_lines(s, k, own, self.lines[s, k, : len(own)].astype(np.float64))
+                if search > o.search:
+                    self.p[s, k] = before  # the same lines must not count twice
+        for s in rows:
             self.found[s, k] = _worst_corner(self.h[s, k], self.p[s, k], self.strands[s].q) <= o.max_sigma and self._worth(self.h[s, k])
 
     def _use_lines(self, s: int, k: int, ends: Float[np.ndarray, "edges 4"], lines: Float[np.ndarray, "edges 4"]) -> None:
@@ -474,6 +492,27 @@ class _Follower:
         template = make_template(levels, mask, self.numbers[k], h, p, o.templates)
         if template is not None and template.levels[0] is not None and len(template.levels[0].q) >= 200:
             self.templates[s].append(template)
+
+
+@dataclass(frozen=True, eq=False)
+class _Aligned:
+    """What one level found."""
+
+    h: Mat3
+    covariance: Float[np.ndarray, "8 8"]
+    error: float
+    level: TemplateLevel
+    weights: Float[np.ndarray, "pixels"]
+    figures: Float[np.ndarray, "6"]
+    floor: float
+
+
+def _clear_share(t: TemplateLevel, residual: float) -> float:
+    """Share of a template's slope that is neither shading nor its noise, whose variance is taken to be half of that of the residual.
+
+    Central differences of noise smoothed by a Gaussian of one pixel have (1 - 1 / e) / 2 of its variance, along each axis.
+    """
+    return float(np.clip((t.detail - 2 * 0.316 * 0.5 * residual**2) / max(t.slope, 1e-9), 0.02, 1.0))
 
 
 def loop_ends(strand: Strand, h: Mat3) -> Float[np.ndarray, "edges 4"]:

@@ -12,7 +12,9 @@ from numba import njit
 @njit(cache=True, nogil=True)
 @no_type_check
 def align_face(image, q, values, steepest, h, deviation, prior, floor, independent, iterations, tolerance, weights, information, figures):
-    """Register a face to `image`, in place: inverse-compositional Gauss-Newton on 8 homography, 1 gain and 1 bias parameter, with a Gaussian prior.
+    """Register a face to `image`, in place: inverse-compositional Gauss-Newton on 8 homography and 4 light parameters, with a Gaussian prior.
+
+    Light: a gain, a bias, and a slope of the bias across the face, for bare faces show hardly more than shading, which does not move with them.
 
     Baker and Matthews, "Lucas-Kanade 20 years on" (2004), section 3.2; Tukey weights about the median absolute deviation. The warp is
     W(d) q = ((1 + d0) x + d1 y + d2, d3 x + (1 + d4) y + d5) / (1 + d6 x + d7 y), and h <- h W(d)^-1.
@@ -25,8 +27,8 @@ def align_face(image, q, values, steepest, h, deviation, prior, floor, independe
         deviation: (8,) how far h is from where the prior has its mean, to first order; overwritten. prior: (8, 8) its information.
         floor: smallest standard deviation of a grey value. independent: pixels that count as one, because smoothing and the lens correlate them.
         tolerance: pixels of motion below which the iteration ends.
-        weights: (n,) overwritten with Tukey weights, -1 outside the image. information: (8, 8) overwritten with that of the pixels alone, gain and
-            bias eliminated. figures: (6,) overwritten with weighted correlation, mean weight inside, share inside, sigma of a grey value, gain, bias.
+        weights: (n,) overwritten with Tukey weights, -1 outside the image. information: (8, 8) overwritten with that of the pixels alone, light
+            eliminated. figures: (6,) overwritten with weighted correlation, mean weight inside, share inside, sigma of a grey value, gain, bias.
 
     Returns whether the iteration stayed within reason.
     """
@@ -34,10 +36,12 @@ def align_face(image, q, values, steepest, h, deviation, prior, floor, independe
     n = q.shape[0]
     got = np.empty(n)
     size = np.empty(n)
-    normal = np.empty((10, 10))
-    right = np.empty(10)
-    column = np.empty(10)
-    gain, bias, sigma = 1.0, 0.0, 1e9
+    normal = np.empty((12, 12))
+    right = np.empty(12)
+    column = np.empty(12)
+    light = np.array([1.0, 0.0, 0.0, 0.0])
+    shade, shaded = np.empty((4, 4)), np.empty(4)
+    sigma = 1e9
     done = False
     for iteration in range(iterations + 1):
         inside = 0
@@ -65,21 +69,23 @@ def align_face(image, q, values, steepest, h, deviation, prior, floor, independe
         if inside < 24 or inside < 0.25 * n:
             return False
         if iteration == 0:
-            bias = sv / inside - st / inside
-        # Gain and bias first, by weighted regression from the last residuals: they are linear, and the geometry's step is the better for it.
+            light[1] = sv / inside - st / inside
+        # The light first, by weighted regression from the last residuals: they are linear, and the geometry's step is the better for it.
         for _again in range(2):
             m = 0
             for k in range(n):
                 if weights[k] >= 0.0:
-                    size[m] = abs(got[k] - gain * values[k] - bias)
+                    size[m] = abs(got[k] - light[0] * values[k] - light[1] - light[2] * q[k, 0] - light[3] * q[k, 1])
                     m += 1
             sigma = max(1.4826 * np.median(size[:m]), floor)
             limit = 4.685 * sigma
             sw, sv, st, stt, svv, stv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            shade[:] = 0.0
+            shaded[:] = 0.0
             for k in range(n):
                 if weights[k] < 0.0:
                     continue
-                r = (got[k] - gain * values[k] - bias) / limit
+                r = (got[k] - light[0] * values[k] - light[1] - light[2] * q[k, 0] - light[3] * q[k, 1]) / limit
                 w = 0.0
                 if abs(r) < 1.0:
                     w = (1.0 - r * r) ** 2
@@ -90,53 +96,64 @@ def align_face(image, q, values, steepest, h, deviation, prior, floor, independe
                 stt += w * values[k] * values[k]
                 svv += w * got[k] * got[k]
                 stv += w * values[k] * got[k]
+                column[8], column[9], column[10], column[11] = values[k], 1.0, q[k, 0], q[k, 1]
+                for a in range(4):
+                    shaded[a] += w * column[8 + a] * got[k]
+                    for b in range(4):
+                        shade[a, b] += w * column[8 + a] * column[8 + b]
             if sw < 8.0:
                 return False
             mv, mt = sv / sw, st / sw
             vt, vv, cov = max(stt / sw - mt * mt, 0.0), max(svv / sw - mv * mv, 0.0), stv / sw - mv * mt
-            # A face without contrast has a gain of one.
-            ridge = floor * floor
-            gain = min(max((cov + ridge) / (vt + ridge), 0.3), 3.0)
-            bias = mv - gain * mt
+            # A face without contrast has a gain of one; a slope of the light takes more than a fraction of a grey level.
+            ridge = floor * floor * sw
+            shade[0, 0] += ridge
+            shaded[0] += ridge
+            shade[2, 2] += 0.01 * sw
+            shade[3, 3] += 0.01 * sw
+            shade[1, 1] += 1e-9
+            light = np.linalg.solve(shade, shaded)
+            if not (light[0] > 0.3 and light[0] < 3.0):
+                light[0] = min(max(light[0], 0.3), 3.0)
+                light[1], light[2], light[3] = mv - light[0] * mt, 0.0, 0.0
             figures[0] = cov / np.sqrt(max(vt * vv, 1e-12))
             figures[1] = sw / inside
-        figures[3], figures[4], figures[5] = sigma, gain, bias
+        figures[3], figures[4], figures[5] = sigma, light[0], light[1]
         scale = 1.0 / (sigma * sigma * independent)
-        for a in range(10):
+        for a in range(12):
             right[a] = 0.0
-            for b in range(10):
+            for b in range(12):
                 normal[a, b] = 0.0
         for k in range(n):
             if weights[k] <= 0.0:
                 continue
             w = weights[k] * scale
             for a in range(8):
-                column[a] = gain * steepest[k, a]
-            column[8], column[9] = values[k], 1.0
-            r = w * (got[k] - gain * values[k] - bias)
-            for a in range(10):
+                column[a] = light[0] * steepest[k, a]
+            column[8], column[9], column[10], column[11] = values[k], 1.0, q[k, 0], q[k, 1]
+            r = w * (got[k] - light[0] * values[k] - light[1] - light[2] * q[k, 0] - light[3] * q[k, 1])
+            for a in range(12):
                 right[a] += column[a] * r
                 c = w * column[a]
-                for b in range(a, 10):
+                for b in range(a, 12):
                     normal[a, b] += c * column[b]
-        for a in range(10):
+        for a in range(12):
             for b in range(a):
                 normal[a, b] = normal[b, a]
-        # Schur complement of gain and bias.
-        p, r01, r11 = normal[8, 8] + 1e-9, normal[8, 9], normal[9, 9] + 1e-9
-        det = p * r11 - r01 * r01
-        if det <= 1e-9 * p * r11:
-            p *= 1.0 + 1e-6
-            r11 *= 1.0 + 1e-6
-            det = p * r11 - r01 * r01
+        # Schur complement of the light.
+        for a in range(4):
+            normal[8 + a, 8 + a] = normal[8 + a, 8 + a] * (1.0 + 1e-6) + 1e-9
+        taken = np.linalg.solve(normal[8:, 8:].copy(), normal[8:, :8].copy())
         step = np.empty(8)
         left = np.empty((8, 8))
         for a in range(8):
-            g8 = (normal[a, 8] * r11 - normal[a, 9] * r01) / det
-            g9 = (normal[a, 9] * p - normal[a, 8] * r01) / det
-            step[a] = right[a] - g8 * right[8] - g9 * right[9]
+            step[a] = right[a]
+            for c in range(4):
+                step[a] -= taken[c, a] * right[8 + c]
             for b in range(8):
-                information[a, b] = normal[a, b] - g8 * normal[8, b] - g9 * normal[9, b]
+                information[a, b] = normal[a, b]
+                for c in range(4):
+                    information[a, b] -= normal[a, 8 + c] * taken[c, b]
                 left[a, b] = information[a, b] + prior[a, b]
                 step[a] += prior[a, b] * deviation[b]
             left[a, a] = left[a, a] * (1.0 + 1e-9) + 1e-12

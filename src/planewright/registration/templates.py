@@ -23,8 +23,12 @@ class TemplateOptions:
     """Of the image, pixels; it takes out the pull of interpolation towards whole pixels, and most of the noise."""
     level_smoothing: float = 0.7
     """Of each coarser level, its own pixels."""
-    erosion: float = 2.0
-    """Pixels left free along the face's border, where the other side shines in."""
+    erosion: float = 4.0
+    """Pixels left free along the face's border: marks are a pixel or two beside it, and smoothing lets the other side shine in."""
+    level_erosion: int = 1
+    """Likewise on the coarser levels, their own pixels, besides."""
+    shading: float = 12.0
+    """What changes over more than about this many pixels of the frame counts as shading."""
     max_pixels: tuple[int, ...] = (1400, 700, 350, 200)
     """At each level, the finest first."""
     min_pixels: int = 60
@@ -45,6 +49,10 @@ class TemplateLevel:
     """Derivative by the change of the homography (homography.py)."""
     share: float
     """Of the face's pixels that were chosen."""
+    slope: float
+    """Mean square of the gradient over all of the face's pixels, grey levels per pixel of this level."""
+    detail: float
+    """The same without what changes slowly over the face: shading, which does not move with it, is no detail."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,27 +120,45 @@ def make_template(
     for k, image in enumerate(levels):
         if k:
             share = cv2.resize(share[: 2 * image.shape[0], : 2 * image.shape[1]], (image.shape[1], image.shape[0]), interpolation=cv2.INTER_AREA)
-        made.append(_level(image, np.asarray(share) > 0.75, to_level(k) @ h, options.max_pixels[min(k, len(options.max_pixels) - 1)], options))
+        inside = (np.asarray(share) > 0.75).astype(np.uint8)
+        if k and options.level_erosion:
+            side = 2 * options.level_erosion + 1
+            inside = np.asarray(cv2.erode(inside, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=1))
+        made.append(_level(image, inside.astype(bool), k, h, options))
     return None if made[0] is None else Template(frame, h, covariance, tuple(made))
 
 
-def _level(image: Level, mask: Bool[np.ndarray, "height width"], h: Mat3, most: int, options: TemplateOptions) -> TemplateLevel | None:
+def _level(image: Level, mask: Bool[np.ndarray, "height width"], level: int, h: Mat3, options: TemplateOptions) -> TemplateLevel | None:
     ys, xs = np.nonzero(mask)
     free = (xs > 0) & (ys > 0) & (xs < image.shape[1] - 1) & (ys < image.shape[0] - 1)
     ys, xs = ys[free], xs[free]
     if len(xs) < options.min_pixels:
         return None
+    h, most = to_level(level) @ h, options.max_pixels[min(level, len(options.max_pixels) - 1)]
     q = apply_homography(np.linalg.inv(h), np.column_stack([xs, ys]).astype(np.float64))
     gx = (image[ys, xs + 1] - image[ys, xs - 1]) / 2
     gy = (image[ys + 1, xs] - image[ys - 1, xs]) / 2
     keep = _spread(cell_of(q, options.cells), np.hypot(gx, gy), most)
-    share = len(keep) / len(xs)
+    share, slope = len(keep) / len(xs), float((gx**2 + gy**2).mean())
+    detail = _detail(image, mask, xs, ys, max(options.shading * 0.5**level, 2.0))
     xs, ys, q, gx, gy = xs[keep], ys[keep], q[keep], gx[keep], gy[keep]
     g = np.einsum("ni,nij->nj", np.column_stack([gx, gy]), point_jacobian(h, q))
     x, y = q.T
-    slope = g[:, 0] * x + g[:, 1] * y
-    steepest = np.column_stack([g[:, 0] * x, g[:, 0] * y, g[:, 0], g[:, 1] * x, g[:, 1] * y, g[:, 1], -slope * x, -slope * y])
-    return TemplateLevel(np.ascontiguousarray(q), image[ys, xs], np.ascontiguousarray(steepest, dtype=np.float32), share)
+    outward = g[:, 0] * x + g[:, 1] * y
+    steepest = np.column_stack([g[:, 0] * x, g[:, 0] * y, g[:, 0], g[:, 1] * x, g[:, 1] * y, g[:, 1], -outward * x, -outward * y])
+    return TemplateLevel(np.ascontiguousarray(q), image[ys, xs], np.ascontiguousarray(steepest, dtype=np.float32), share, slope, detail)
+
+
+def _detail(image: Level, mask: Bool[np.ndarray, "height width"], xs: Int[np.ndarray, "n"], ys: Int[np.ndarray, "n"], sigma: float) -> float:
+    """Mean square of the gradient at the masked pixels after their local mean, over the mask alone, is taken away."""
+    x0, y0 = max(int(xs.min()) - 2, 0), max(int(ys.min()) - 2, 0)
+    part = (slice(y0, int(ys.max()) + 3), slice(x0, int(xs.max()) + 3))
+    inside = mask[part].astype(np.float32)
+    total = np.asarray(cv2.GaussianBlur(inside, (0, 0), sigma))
+    mean = np.asarray(cv2.GaussianBlur(inside * image[part], (0, 0), sigma)) / np.maximum(total, 1e-6)
+    rest, x, y = image[part] - mean, xs - x0, ys - y0
+    gx, gy = (rest[y, x + 1] - rest[y, x - 1]) / 2, (rest[y + 1, x] - rest[y - 1, x]) / 2
+    return float((gx**2 + gy**2).mean())
 
 
 def cell_of(q: Float[np.ndarray, "n 2"], cells: int) -> Int[np.ndarray, "n"]:

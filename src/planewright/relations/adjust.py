@@ -131,7 +131,7 @@ def adjust_structure(
         overruled_planes=tuple(sketch.faces[f].id for f in overruled),
         solution=final,
         free=free,
-        basis=Basis(walk.evidence, walk.incidences, constraints, (*final.scale,)),
+        basis=Basis(walk.evidence, walk.incidences, constraints, (final.scale.plane_points, final.scale.marks, final.scale.lines, final.scale.priors)),
         cost_of_relations=2.0 * (final.cost - free.cost),
         warnings=_warnings(sketch, free, final, required, refused, overruled),
     )

@@ -172,7 +172,7 @@ def _table(
     options: CornerOptions,
 ) -> Tracks:
     width, height = image_size
-    intrinsics = cameras.intrinsics
+    lens = cameras.lens
     numbers = cameras.frame[rows]
     frame_row = {int(n): k for k, n in enumerate(numbers)}
     columns: list[
@@ -180,7 +180,7 @@ def _table(
     ] = []
     for i, point in enumerate(scene.sketch.points):
         if scene.point_known[i]:
-            shown = intrinsics.to_pixels((xy[:, i] - intrinsics.principal_point) / intrinsics.focal)
+            shown = lens.to_displayed(numbers, xy[:, i], depth[:, i])
             room = options.margin * max(width, height)
             near = (shown > -room).all(axis=1) & (shown[:, 0] < width + room) & (shown[:, 1] < height + room) & (depth[:, i] > 0)
             state = np.where(visible[:, i], int(State.TRACKED), int(State.HIDDEN))

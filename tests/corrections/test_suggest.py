@@ -1,0 +1,75 @@
+"""The next correction: what is doubtful comes first, what was said is not asked again."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from planewright.corrections.correct import correct
+from planewright.corrections.session import Mark
+from planewright.corrections.suggest import suggest
+from planewright.sketch.graph import PointId
+
+
+def vague(session, point: str, sigma: float):
+    mine = session.tracks.point_index == session.row(PointId(point))
+    covariance = np.where(mine[:, None, None], sigma**2 * np.eye(2), session.tracks.covariance)
+    return replace(session, tracks=replace(session.tracks, covariance=covariance))
+
+
+def test_the_corner_whose_track_is_least_sure_comes_first(stage) -> None:
+    session = vague(stage().session, "b0", 6.0)
+    best = suggest(session, 3)
+    assert best[0].point == "b0"
+    assert [mark.gain for mark in best] == sorted((mark.gain for mark in best), reverse=True)
+    assert "sure to 6.0 px" in best[0].reason
+
+
+def test_a_gain_is_a_number_of_frames_in_which_the_corner_is_seen(stage) -> None:
+    session = vague(stage().session, "b0", 100.0)
+    seen = (session.tracks.point_index == session.row(PointId("b0"))) & (session.tracks.state == 1)
+    gain = suggest(session, 1)[0].gain
+    assert 0.9 * seen.sum() < gain <= seen.sum()
+
+
+def test_a_track_beside_its_own_mark_is_named_with_the_distance(stage) -> None:
+    session = stage().session
+    row = session.row(PointId("a0"))
+    shifted = session.tracks.xy + np.where(session.tracks.point_index == row, 9.0, 0.0)[:, None] * [1.0, 0.0]
+    best = suggest(replace(session, tracks=replace(session.tracks, xy=shifted)), 1)[0]
+    assert best.point == "a0"
+    assert "off its mark" in best.reason
+
+
+def test_the_frame_is_one_in_which_the_corner_is_seen_and_not_marked(stage) -> None:
+    session = stage().session
+    for mark in suggest(session, 20):
+        here = (session.tracks.point_index == session.row(mark.point)) & (session.tracks.frame == mark.frame)
+        assert session.tracks.state[here].tolist() == [1]
+        assert mark.frame not in session.sketch.points[session.row(mark.point)].marks
+
+
+def test_what_was_corrected_is_worth_less_afterwards(stage) -> None:
+    staged = stage(plane={"lean_side": 0.25})
+    before = {mark.point: mark.gain for mark in suggest(staged.session, 20)}
+    done = correct(staged.session, Mark(PointId("l1"), 0, staged.at("l1", 0)))
+    after = {mark.point: mark.gain for mark in suggest(done.session, 20)}
+    assert after.get(PointId("l1"), 0.0) < 0.5 * before[PointId("l1")]
+
+
+def test_a_corner_without_a_place_in_space_is_asked_for(stage) -> None:
+    session = stage().session
+    assert session.model is not None
+    scene = session.model.structure.scene
+    known = scene.point_known.copy()
+    known[session.row(PointId("b0"))] = False
+    structure = replace(session.model.structure, scene=replace(scene, point_known=known))
+    lost = replace(session, model=replace(session.model, structure=structure))
+    best = suggest(lost, 1)[0]
+    assert best.point == "b0"
+    assert "no place in space" in best.reason
+    assert suggest(lost, 1) == suggest(lost, 1)
+
+
+def test_without_a_model_the_tracks_alone_are_asked(stage) -> None:
+    session = replace(vague(stage().session, "b0", 6.0), model=None)
+    assert suggest(session, 1)[0].point == "b0"
