@@ -30,10 +30,11 @@ class MultiviewOptions:
     """The first views compared see this share of the largest motion there is."""
     floor: float = 0.12
     """Least depth sigma of a face in all, in pixels of motion: what cameras and images have in common however many views are compared."""
-    thin: float = 8.0
-    """Depth sigma of a face one working pixel thin, in pixels of motion; it falls with the thickness. What shows at a face's border belongs
-    to its neighbour when the border is a pixel off, and tilts it the more the thinner it is. On four clips with truth, faces of 5, 11, 16 and
-    24 pixels were 1.3, .6, 1.2 and .5 off."""
+    thin: float = 10.0
+    """How far a face one working pixel thin may be off along its normal, in pixels of motion (of the camera's distance, not of how square
+    it is to the view); it falls with the thickness and the ZNCC. What shows at a face's border belongs to its neighbour when the border is
+    a pixel off, and tilts it the more the thinner it is. On four clips with truth, faces of 5, 11, 16 and 24 pixels were 1.3, .6, 1.2
+    and .5 off."""
     gray_error: float = 0.3
     """Error of grey values that all pixels of a face may have in common (coding, light), grey levels: bare faces cannot be located
     better than this over their mean slope, however many pixels they have."""
@@ -142,10 +143,11 @@ def plane_points(views: Views, estimates: Sequence[FaceEstimate], options: Multi
         by_face.setdefault(estimate.face, []).append(estimate)
     for f, own in sorted(by_face.items()):
         growth = _scatter(views, own)
+        per_face = views.depth_per_pixel * np.sqrt(len(own))  # together they are no surer than that
         for estimate in own:
             common = common_growth(estimate.found, options.gray_error) - 1.0
             xyz, sigma = _virtual_points(
-                views, estimate, float(np.hypot(options.floor, options.thin / thickness(estimate.found.reference))) * views.depth_per_pixel * np.sqrt(len(own)), float(np.sqrt(growth**2 + common * len(own)))
+                views, estimate, (options.floor * per_face, options.thin / thickness(estimate.found.reference) / estimate.found.zncc * per_face), float(np.sqrt(growth**2 + common * len(own)))
             )
             faces += [f] * 3
             points += list(xyz)
@@ -158,7 +160,7 @@ def thickness(reference: Reference) -> float:
     return max(float(np.sqrt(12.0 * np.linalg.eigvalsh(np.cov(reference.pixels.T))[0])), 1.0)
 
 
-def _virtual_points(views: Views, estimate: FaceEstimate, floor: float, growth: float) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+def _virtual_points(views: Views, estimate: FaceEstimate, floors: tuple[float, float], growth: float) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     found = estimate.found
     reference = found.reference
     h = found.information
@@ -179,8 +181,8 @@ def _virtual_points(views: Views, estimate: FaceEstimate, floor: float, growth: 
     # a change of rho moves the point along its ray; what counts is how far it leaves the plane
     distance = abs(float(estimate.normal @ views.centers[reference.view]) - estimate.offset)
     rho_sigma = np.sqrt(3.0 / weight) * growth
-    relative = np.hypot(rho_sigma / rho, floor)
-    return world, relative * distance
+    along = np.linalg.norm(world - views.centers[reference.view], axis=1)
+    return world, np.hypot(np.hypot(rho_sigma / rho, floors[0]) * distance, floors[1] * along)
 
 
 def _scatter(views: Views, own: Sequence[FaceEstimate]) -> float:
@@ -190,8 +192,8 @@ def _scatter(views: Views, own: Sequence[FaceEstimate]) -> float:
     ratios: list[float] = []
     for i, a in enumerate(own):
         for b in own[i + 1 :]:
-            xyz, sigma = _virtual_points(views, a, 0.0, 1.0)
-            other, other_sigma = _virtual_points(views, b, 0.0, 1.0)
+            xyz, sigma = _virtual_points(views, a, (0.0, 0.0), 1.0)
+            other, other_sigma = _virtual_points(views, b, (0.0, 0.0), 1.0)
             ratios += list(((xyz @ b.normal - b.offset) / np.hypot(sigma, other_sigma)) ** 2)
             ratios += list(((other @ a.normal - a.offset) / np.hypot(sigma, other_sigma)) ** 2)
     return float(np.clip(np.sqrt(np.mean(ratios)), 2.0, 30.0))
