@@ -95,6 +95,8 @@ class Hypothesis:
     """The pixels' own account, where there is one."""
     support: float = 1.0
     """Where it comes from corners or scene features: how much speaks for it."""
+    agreed: bool = False
+    """Where it comes from corners: whether the pixels agree with it as well as with a plane of their own."""
     seen_through: float = 0.0
     """How many scene features inside the face were seen behind the plane, above a quarter of them."""
 
@@ -112,7 +114,7 @@ class Lifted:
     points: Float[np.ndarray, "points 3"]
     point_known: Bool[np.ndarray, "points"]
     normals: Float[np.ndarray, "faces 3"]
-    """Towards the cameras that saw the face."""
+    """Towards the cameras that saw the face; where it comes from corners, towards one in which they were marked."""
     offsets: Float[np.ndarray, "faces"]
     face_known: Bool[np.ndarray, "faces"]
     from_pixels: Bool[np.ndarray, "faces"]
@@ -555,7 +557,11 @@ class _Lifter:
 
         Where the pixels agree with such a plane as well as with one that was fitted to them, they speak for it too.
         """
-        return [replace(guess, support=guess.support + self.borrowed(face, guess) / CORNERS) for guess in self.planes_through(face)]
+        out: list[Hypothesis] = []
+        for guess in self.planes_through(face):
+            borrowed = self.borrowed(face, guess)
+            out.append(replace(guess, support=guess.support + borrowed / CORNERS, agreed=borrowed > 0))
+        return out
 
     def borrowed(self, face: int, guess: Hypothesis) -> float:
         """What the pixels earn with planes of their own that they tell from `guess` by no more than `worth`."""
@@ -600,10 +606,14 @@ class _Lifter:
             if not depths or min(depths) <= 0:
                 continue
             xyz = np.concatenate([self.points[known], self.rays.origin[rows] + min(depths) * self.rays.direction[rows]])
-            normal, offset = fit_plane(xyz, np.ones(3))
+            normal, offset = self.towards(int(rows[0]), *fit_plane(xyz, np.ones(3)))
             if np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)[1] > 8.0 * self.plane_sigma * float(np.median(depths)):
                 out.append(Hypothesis(normal, offset, float("nan"), -1, xyz, np.zeros((3, self.num_faces), bool), support=0.7))
         return out
+
+    def towards(self, row: int, normal: Vec3, offset: float) -> tuple[Vec3, float]:
+        """The plane with its normal on the side of a mark's camera."""
+        return (normal, offset) if float(normal @ self.rays.origin[row]) > offset else (-normal, -offset)
 
     def through(self, corners: Int[np.ndarray, "corners"]) -> Hypothesis | None:
         """The plane through known corners; None where they are on a line, or disagree."""
@@ -619,6 +629,7 @@ class _Lifter:
         across = np.linalg.svd((xyz - center) / np.maximum(sigma, 0.2 * sigma.max())[:, None], compute_uv=False)[1]
         if across < 3.0 or (np.abs(xyz @ normal - offset) > 4.0 * sigma).any():
             return None
+        normal, offset = self.towards(int(first[0]), normal, offset)
         nobody = np.zeros((len(xyz), self.num_faces), bool)
         return Hypothesis(normal, offset, float("nan"), -1, xyz, nobody, support=1.0 + (len(corners) - 3))
 
@@ -676,7 +687,7 @@ def _finish(lifter: _Lifter) -> Lifted:
     lone_points(lifter)
     return Lifted(
         lifter.points, lifter.known.copy(), normals, offsets, known,
-        np.array([guess is not None and guess.view >= 0 for guess in lifter.choice], bool), tuple(map(tuple, lifter.corners)),
+        np.array([guess is not None and (guess.view >= 0 or guess.agreed) for guess in lifter.choice], bool), tuple(map(tuple, lifter.corners)),
     )  # fmt: skip
 
 

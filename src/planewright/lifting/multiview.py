@@ -11,7 +11,16 @@ import cv2
 import numpy as np
 
 from planewright.arrays import Bool, Float, Int, UInt8, Vec3
-from planewright.lifting.photometric import PhotometricOptions, PhotometricPlane, Reference, common_growth, plane_from_world, plane_to_world, reference_from_mask, refine
+from planewright.lifting.photometric import (
+    PhotometricOptions,
+    PhotometricPlane,
+    Reference,
+    common_growth,
+    plane_from_world,
+    plane_to_world,
+    reference_from_mask,
+    refine,
+)
 from planewright.lifting.views import Views
 from planewright.planes.evidence import PlanePoints
 
@@ -147,7 +156,10 @@ def plane_points(views: Views, estimates: Sequence[FaceEstimate], options: Multi
         for estimate in own:
             common = common_growth(estimate.found, options.gray_error) - 1.0
             xyz, sigma = _virtual_points(
-                views, estimate, (options.floor * per_face, options.thin / thickness(estimate.found.reference) / estimate.found.zncc * per_face), float(np.sqrt(growth**2 + common * len(own)))
+                views,
+                estimate,
+                (options.floor * per_face, options.thin / thickness(estimate.found.reference) / estimate.found.zncc * per_face),
+                float(np.sqrt(growth**2 + common * len(own))),
             )
             faces += [f] * 3
             points += list(xyz)
@@ -160,7 +172,9 @@ def thickness(reference: Reference) -> float:
     return max(float(np.sqrt(12.0 * np.linalg.eigvalsh(np.cov(reference.pixels.T))[0])), 1.0)
 
 
-def _virtual_points(views: Views, estimate: FaceEstimate, floors: tuple[float, float], growth: float) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+def _virtual_points(
+    views: Views, estimate: FaceEstimate, floors: tuple[float, float], growth: float
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     found = estimate.found
     reference = found.reference
     h = found.information

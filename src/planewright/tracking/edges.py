@@ -18,6 +18,9 @@ from planewright.planes.evidence import CornerLines
 from planewright.sketch.graph import Sketch
 from planewright.tracking.kernels import edge_strip, line_scores
 
+USUAL = 4.5
+"""Half the square of the three standard deviations by which the best of many lines of clutter stands out anyway."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class EdgeOptions:
@@ -30,10 +33,12 @@ class EdgeOptions:
     """What the logarithm of a line's height (its steepness above the strip's median, the steepest line having 1) weighs against the
     log-likelihood of where it is: a line half as steep wins when it is nearer by 0.7 units."""
     near_best: float = 0.5
-    missing_weight: float = 0.5
-    band: float = 0.25
+    """Views that resolve the edge less finely than this share of the best are left out: they only blur the strip."""
+    clutter_band: float = 0.25
+    """Lines that turn by no more than this share of the search say how steep nothing in particular is: a texture's rows and stains."""
     outstanding: float = 5.0
-    outstanding_weight: float = 1.0
+    """A line counts by half the square of how many standard deviations of that clutter it stands out by, up to this many. Among 350 edges of
+    five clips with truth, the negative log-likelihood of the true place fell from .06 to -.38 with it and the four options around it."""
     region_weight: float = 4.0
     """What parting the face's texture from what is beside it weighs, from 0 (parts nothing) to 1 (all texture on one side)."""
     region_sigma: float = 4.0
@@ -69,7 +74,8 @@ class EdgeOptions:
     min_contrast: float = 1.15
     """The best line must be this much steeper than the strip's median."""
     missing: float = 0.02
-    """The chance that the drawn edge is none of the candidates is that of a line of this height right where it is expected."""
+    """The chance that the drawn edge is none of the candidates is that of a line of this height right where it is expected, less where
+    the best candidate stands out."""
     ambiguous: float = 0.5
     """A second candidate over three pixels off (both ends together) that is at least this likely, relative to the best, makes the edge
     ambiguous."""
@@ -296,20 +302,24 @@ def _best_line(
     weight = options.region_weight * (1.0 - float(np.exp(-((max(priors) / options.region_sigma) ** 2))))
     parts = np.empty((size, size))
     line_scores(region, enough, 2 * reach, parts)
-    near = np.abs(np.arange(size)[:, None] - np.arange(size)) <= options.band * reach
+    near = np.abs(np.arange(size)[:, None] - np.arange(size)) <= options.clutter_band * reach
     low, usual, high = np.percentile(scores[near], [25.0, 50.0, 75.0])
-    clutter = max(float(high - low) / 1.35 , 0.02 * float(scores.max()), 0.1)
+    clutter = max(float(high - low) / 1.35, 0.02 * float(scores.max()), 0.1)
     stands_out = 0.5 * np.clip((scores - usual) / clutter, 0.0, options.outstanding) ** 2
     most = float(stands_out[peak].max())
     stands_out -= most
-    posterior = np.where(peak, options.height_weight * np.log(np.maximum(height, 1e-9)) + options.outstanding_weight * stands_out + weight * (parts - parts[peak].max()) - away, -np.inf)
+    posterior = np.where(
+        peak,
+        options.height_weight * np.log(np.maximum(height, 1e-9)) + stands_out + weight * (parts - parts[peak].max()) - away,
+        -np.inf,
+    )
     i, j = (int(v) for v in np.unravel_index(int(np.argmax(posterior)), posterior.shape))
     if posterior[i, j] < -options.reject:
         return None
     contrast = float(scores[i, j]) / max(floor, 0.35)
     # the candidates' mixture, with the chance that none of them is the edge: where several are as good, their spread is the error
     chance = np.where(peak, np.exp(posterior - posterior[i, j]), 0.0)
-    missing = float(np.exp(options.height_weight * np.log(options.missing) - options.missing_weight * max(most - 4.5, 0.0) - posterior[i, j]))
+    missing = float(np.exp(options.height_weight * np.log(options.missing) - 0.5 * max(most - USUAL, 0.0) - posterior[i, j]))
     chance[np.hypot(ends[:, None] - ends[i], ends[None] - ends[j]) < 1.5] = 0.0
     chance[i, j] = 1.0
     total = float(chance.sum()) + missing

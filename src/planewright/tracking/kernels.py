@@ -21,8 +21,8 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
     inside: offset (world units, signed) at which a point just inside the face is looked up in owners (V, h2, w2), which must name
     `face` there. limit: a difference d of grey values over two steps counts as d / (1 + d / limit): monotonic, so a sharp edge keeps
     one peak.
-    Adds to strip (S, 2 half + 1), count (S,), seen (C,) the samples used in each view, and texture (4, S, 2 half + 1): sums over views of the differences along the edge, of their
-    absolute values, and the same of those across it.
+    Adds to strip (S, 2 half + 1), count (S,), seen (C,) the samples used in each view, and texture (4, S, 2 half + 1): sums over views of
+    the differences along the edge, of their absolute values, and the same of those across it.
     """
     samples, width = strip.shape
     rows = np.empty((samples, width + 2))
