@@ -559,22 +559,27 @@ class _Lifter:
         """
         out: list[Hypothesis] = []
         for guess in self.planes_through(face):
-            borrowed = self.borrowed(face, guess)
-            out.append(replace(guess, support=guess.support + borrowed / CORNERS, agreed=borrowed > 0))
+            lender = self.lender(face, guess)
+            if lender is None:
+                out.append(guess)
+                continue
+            turn = 1.0 if float(guess.normal @ lender.normal) > 0 else -1.0
+            support = guess.support - lender.energy / CORNERS
+            out.append(replace(guess, normal=turn * guess.normal, offset=turn * guess.offset, support=support, agreed=True))
         return out
 
-    def borrowed(self, face: int, guess: Hypothesis) -> float:
-        """What the pixels earn with planes of their own that they tell from `guess` by no more than `worth`."""
-        best = 0.0
+    def lender(self, face: int, guess: Hypothesis) -> Hypothesis | None:
+        """The plane of the pixels' own that earns most of those which they tell from `guess` by no more than `worth`."""
+        best: Hypothesis | None = None
         for other in self.found[face]:
-            if other.found is None or -other.energy <= best:
+            if other.found is None or other.energy >= (0.0 if best is None else best.energy):
                 continue
             plane = plane_from_world(self.views, other.found.reference, guess.normal, guess.offset)
             if plane is None:
                 continue
             own, theirs = (photo_cost(self.views, other.found.reference, q, self.options.photometric) for q in (other.found.plane, plane))
             if theirs < own + self.options.worth:
-                best = -other.energy
+                best = other
         return best
 
     def planes_through(self, face: int) -> list[Hypothesis]:
