@@ -60,7 +60,7 @@ class LiftOptions:
 AGREEMENT = 4.0
 """What a plane with which nearly all pixels agree earns; one at which the views agree to a ZNCC of 0.4 earns nothing."""
 CORNERS = 1.5
-"""What a plane through three corners that are known by other faces earns; each further corner on it earns that again."""
+"""What a plane through three corners that are known by other faces earns; through more, twice that."""
 WEAK = 1.0
 """A plane from pixels that earns less does not stand against one through corners."""
 WITNESS = 1.2
@@ -636,7 +636,7 @@ class _Lifter:
             return None
         normal, offset = self.towards(int(first[0]), normal, offset)
         nobody = np.zeros((len(xyz), self.num_faces), bool)
-        return Hypothesis(normal, offset, float("nan"), -1, xyz, nobody, support=1.0 + (len(corners) - 3))
+        return Hypothesis(normal, offset, float("nan"), -1, xyz, nobody, support=1.0 if len(corners) == 3 else 2.0)
 
 
 def agreement(found: PhotometricPlane) -> float:
