@@ -53,6 +53,9 @@ class RefineOptions:
     """Standard deviation of a click an axis, pixels."""
     patch_sigma: float = 4.0
     """Depth sigma of a point located as a patch of its own, in pixels of motion (`Views.depth_per_pixel`)."""
+    corner_patch_sigma: float = 40.0
+    """The same of a corner whose faces found no plane: around it meet surfaces that no one depth holds for. Two such corners of a wall seen
+    at a glance were 60 and 95 pixels of motion off, and pulled others after them."""
     on_plane: float = 8.0
     """A corner drawn inside a face is proposed to lie on it when it is this near to its plane, in pixels of motion."""
     open_above: float = 8.0
@@ -161,7 +164,15 @@ def _round(
         priors=priors,
     )
     start = PlanarStart(_recalled(sketch, rays, views, state), state.known, state.normals, state.offsets, state.face_known)
-    return adjust_structure(sketch, start, evidence, proposed, options.adjust), lines
+    structured = adjust_structure(sketch, start, evidence, proposed, options.adjust)
+    # an incidence that takes a corner away from all that was marked of it is none, however well the rest agrees
+    wrong = (
+        _strayed(rays, views, structured.scene.points, STRAYED * views.scale)[proposed[:, 1]]
+        & ~_strayed(rays, views, start.points, STRAYED * views.scale)[proposed[:, 1]]
+    )
+    if wrong.any():
+        structured = adjust_structure(sketch, start, evidence, proposed[~wrong], options.adjust)
+    return structured, lines
 
 
 def _recalled(sketch: Sketch, rays: MarkRays, views: Views, state: _State) -> Float[np.ndarray, "points 3"]:
@@ -227,9 +238,10 @@ def _marks(views: Views, rays: MarkRays, sigma: float) -> CornerMarks:
 
 def _patch_priors(views: Views, rays: MarkRays, sketch: Sketch, lifted: Lifted, options: RefineOptions) -> CornerPriors:
     """Points in no face with a plane: where their patch put them, sure in depth only as far as a patch is."""
-    on_face = np.zeros(len(sketch.points), bool)
+    on_face, lone = np.zeros(len(sketch.points), bool), np.ones(len(sketch.points), bool)
     row = {point.id: i for i, point in enumerate(sketch.points)}
     for f, face in enumerate(sketch.faces):
+        lone[[row[c] for c in face.corners]] = False
         if lifted.face_known[f]:
             on_face[[row[c] for c in face.corners]] = True
     corner, mean, whitening = [], [], []
@@ -240,7 +252,8 @@ def _patch_priors(views: Views, rays: MarkRays, sketch: Sketch, lifted: Lifted, 
         across = 3.0 * depth / views.calibration[0, 0]  # the click itself says where across
         corner.append(int(c))
         mean.append(lifted.points[c])
-        whitening.append(np.diag([1 / across, 1 / across, 1 / (options.patch_sigma * views.depth_per_pixel * depth)]) @ r)
+        sigma = options.patch_sigma if lone[c] else options.corner_patch_sigma
+        whitening.append(np.diag([1 / across, 1 / across, 1 / (sigma * views.depth_per_pixel * depth)]) @ r)
     return CornerPriors(np.array(corner, int), np.array(mean, float).reshape(-1, 3), np.array(whitening, float).reshape(-1, 3, 3))
 
 
