@@ -36,9 +36,9 @@ class EdgeOptions:
     """Views that resolve the edge less finely than this share of the best are left out: they only blur the strip."""
     clutter_band: float = 0.25
     """Lines that turn by no more than this share of the search say how steep nothing in particular is: a texture's rows and stains."""
-    outstanding: float = 5.0
+    outstanding: float = 6.0
     """A line counts by half the square of how many standard deviations of that clutter it stands out by, up to this many. Among 350 edges of
-    five clips with truth, the negative log-likelihood of the true place fell from .06 to -.38 with it and the four options around it."""
+    five clips with truth, the negative log-likelihood of the true place fell from .06 to -.38 with it and the options around it."""
     region_weight: float = 4.0
     """What parting the face's texture from what is beside it weighs, from 0 (parts nothing) to 1 (all texture on one side)."""
     region_sigma: float = 4.0
@@ -68,7 +68,7 @@ class EdgeOptions:
     """Samples along an edge."""
     limit: float = 24.0
     """Grey levels: steeper differences than this count for less and less, never for more than this: one bright stain must not be the edge."""
-    sigma: float = 0.35
+    sigma: float = 0.3
     """Standard deviation of a clear line in all, the same pixels: an edge's error is a bias common to all views (shading, rounding,
     a line beside it), so more views do not make it smaller."""
     min_contrast: float = 1.15
@@ -76,6 +76,8 @@ class EdgeOptions:
     missing: float = 0.02
     """The chance that the drawn edge is none of the candidates is that of a line of this height right where it is expected, less where
     the best candidate stands out."""
+    clear_weight: float = 2.0
+    """What the logarithm of the best line's contrast, beyond a contrast of 2, weighs against that chance: the one line on a bare wall is it."""
     ambiguous: float = 0.5
     """A second candidate over three pixels off (both ends together) that is at least this likely, relative to the best, makes the edge
     ambiguous."""
@@ -319,7 +321,8 @@ def _best_line(
     contrast = float(scores[i, j]) / max(floor, 0.35)
     # the candidates' mixture, with the chance that none of them is the edge: where several are as good, their spread is the error
     chance = np.where(peak, np.exp(posterior - posterior[i, j]), 0.0)
-    missing = float(np.exp(options.height_weight * np.log(options.missing) - 0.5 * max(most - USUAL, 0.0) - posterior[i, j]))
+    clear = options.clear_weight * max(float(np.log(contrast / 2.0)), 0.0)
+    missing = float(np.exp(options.height_weight * np.log(options.missing) - 0.5 * max(most - USUAL, 0.0) - clear - posterior[i, j]))
     chance[np.hypot(ends[:, None] - ends[i], ends[None] - ends[j]) < 1.5] = 0.0
     chance[i, j] = 1.0
     total = float(chance.sum()) + missing
