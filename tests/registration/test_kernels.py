@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from planewright.registration.homography import apply_homography, change_jacobian
 from planewright.registration.kernels import align_face, find_lines
-from planewright.registration.templates import TemplateOptions, make_template, pyramid
+from planewright.registration.templates import TemplateOptions, clear_share, make_template, pyramid
 
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
@@ -28,7 +28,8 @@ def register(moved: np.ndarray, still: np.ndarray, start: np.ndarray, prior: np.
     weights, information, figures = np.zeros(len(t.q)), np.zeros((8, 8)), np.zeros(6)
     found = start.copy()
     image = pyramid(moved, options)[0]
-    good = align_face(image, t.q, t.values, t.steepest, found, np.zeros(8), prior, 1.0, 12.0 * t.share, 30, 0.005, weights, information, figures)
+    crowd = 12.0 * t.share / clear_share(t, 1.0) ** 2
+    good = align_face(image, t.q, t.values, t.steepest, found, np.zeros(8), prior, 1.0, crowd, 30, 0.005, weights, information, figures)
     return good, found, information, figures
 
 

@@ -80,18 +80,20 @@ def reference_from_mask(views: Views, view: int, mask: Bool[np.ndarray, "height 
     if len(xs) < 40:
         return None
     x0, x1, y0, y1 = xs.min(), xs.max(), ys.min(), ys.max()
-    image = views.images[view].astype(np.float32)
     lo_y, lo_x = max(y0 - 1, 0), max(x0 - 1, 0)
-    window = image[lo_y : y1 + 2, lo_x : x1 + 2]
+    window = views.images[view][lo_y : y1 + 2, lo_x : x1 + 2].astype(np.float32)
     steep = np.abs(cv2.Sobel(window, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(window, cv2.CV_32F, 0, 1))
     score = steep[ys - lo_y, xs - lo_x]
-    # the steepest of each small cell, so that one strong stain does not take all pixels
+    # the steepest of each small cell, so that one strong stain does not take all pixels; of equal ones the first
     cell = max(1.0, np.sqrt(len(xs) / options.max_pixels))
-    cells = ((ys - y0) / cell).astype(int) * (int((x1 - x0) / cell) + 1) + ((xs - x0) / cell).astype(int)
-    order = np.lexsort((xs, ys, -score, cells))
-    first = np.ones(len(order), bool)
-    first[1:] = cells[order][1:] != cells[order][:-1]
-    chosen = order[first]
+    columns = int((x1 - x0) / cell) + 1
+    cells = ((ys - y0) / cell).astype(int) * columns + ((xs - x0) / cell).astype(int)
+    best = np.full((int((y1 - y0) / cell) + 1) * columns, -1.0, np.float32)
+    np.maximum.at(best, cells, score)
+    leading = np.nonzero(score == best[cells])[0][::-1]
+    first = np.full(len(best), -1)
+    first[cells[leading]] = leading
+    chosen = first[first >= 0]
     if len(chosen) > options.max_pixels:
         chosen = chosen[np.argsort(-score[chosen], kind="stable")[: options.max_pixels]]
     chosen = np.sort(chosen)
@@ -267,10 +269,17 @@ NOBODY = np.full((1, 1, 1), -1, np.int16)
 
 
 def equations(
-    views: Views, reference: Reference, targets: Int[np.ndarray, "targets"], plane: Vec3, owners: Int[np.ndarray, "views h w"], face: int, noise: float
+    views: Views,
+    reference: Reference,
+    targets: Int[np.ndarray, "targets"],
+    plane: Vec3,
+    owners: Int[np.ndarray, "views h w"],
+    face: int,
+    noise: float,
+    carried: tuple[Float[np.ndarray, "targets 3 3"], Float[np.ndarray, "targets 3"]] | None = None,
 ) -> _Equations:
-    """Gauss-Newton equations of the plane over the targets."""
-    a, s = transfers(views, reference.view, targets)
+    """Gauss-Newton equations of the plane over the targets; `carried` holds their `transfers` where these are known."""
+    a, s = carried or transfers(views, reference.view, targets)
     hessian, gradient, stats = np.zeros((3, 3)), np.zeros(3), np.empty((len(targets), 3))
     scale = owners.shape[1] / views.images.shape[1] if owners.shape[1] > 1 else 1.0
     cost, used = plane_equations(
@@ -291,7 +300,8 @@ def descend(
     iterations: int = 8,
 ) -> tuple[Vec3, _Equations]:
     """Levenberg-Marquardt on the robust photometric cost a pixel."""
-    now = equations(views, reference, targets, plane, owners, face, options.noise)
+    carried = transfers(views, reference.view, targets)
+    now = equations(views, reference, targets, plane, owners, face, options.noise, carried)
     damping = 1e-3
     for _ in range(iterations):
         if now.used < 40:
@@ -300,7 +310,7 @@ def descend(
         # half the depth in one step is never right
         step *= min(1.0, 0.3 * abs(plane[2]) / (np.abs(step).max() + 1e-12))
         trial = plane + step
-        then = equations(views, reference, targets, trial, owners, face, options.noise)
+        then = equations(views, reference, targets, trial, owners, face, options.noise, carried)
         if then.used > 0.8 * now.used and then.cost / then.used < now.cost / now.used:
             small = np.abs(step).max() < 0.015 * views.depth_per_pixel * abs(plane[2])
             plane, now, damping = trial, then, max(damping * 0.2, 1e-6)

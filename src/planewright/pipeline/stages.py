@@ -102,16 +102,26 @@ def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: St
     numbers, known = np.array(frames.numbers), sketch.camera
     inside = follow_features(frames, options.features, regions=regions, progress=progress)
     second = solve_cameras(inside, numbers, frames.image_size, known=known, options=options.cameras, rng=rng, progress=progress)
-    if isinstance(second, Solved):
-        return Filmed(second, (f"The cameras come from features on the drawn faces alone: {first.reason}",))
+    alone = f"The cameras come from features on the drawn faces alone: {first.reason}"
+    if isinstance(second, Solved) and second.cameras.posed.mean() >= ENOUGH_POSED:
+        return Filmed(second, (alone,))
     whole = face_features(follow_faces(frames, sketch, options.faces, progress=progress))
     third = solve_cameras(whole, numbers, frames.image_size, known=known, options=options.cameras, rng=rng, progress=progress)
-    if isinstance(third, Refused):
+    if isinstance(second, Solved):
+        if isinstance(third, Refused) or third.cameras.posed.sum() <= second.cameras.posed.sum():
+            return Filmed(second, (alone,))
+        few = f"Their features by themselves give cameras to {second.summary.frames_posed} frames only."
+    elif isinstance(third, Solved):
+        few = f"Their features by themselves are not enough: {second.reason}"
+    else:
         also = "" if second.code == first.code else f" The drawn faces by themselves do not tell either: {second.reason}"
         raise GeometryError(first.reason + also)
     third = replace(third, cameras=widened_focal(third.cameras, POINTS_OF_A_FACE_SAY))
-    return Filmed(third, (f"The cameras come from the drawn faces, followed as wholes, for their features are too few: {second.reason}",))
+    return Filmed(third, (f"The cameras come from the drawn faces, followed as wholes. {few}",))
 
+
+ENOUGH_POSED = 0.9
+"""Share of the frames with a camera below which another way is tried: turntables with texture had them in all frames, nearly bare cartons in 54 % of them."""
 
 POINTS_OF_A_FACE_SAY = 3.2
 """Forty points of a face, 80 coordinates, are read off 8 numbers: the focal length is known the square root of that ratio worse than they pretend."""

@@ -13,7 +13,18 @@ from planewright.registration.homography import apply_homography, change_jacobia
 from planewright.registration.kernels import align_face, find_lines
 from planewright.registration.registered import CELLS, Registered
 from planewright.registration.strands import Strand, find_strands
-from planewright.registration.templates import Level, Template, TemplateLevel, TemplateOptions, cell_of, face_mask, make_template, pyramid, to_level
+from planewright.registration.templates import (
+    Level,
+    Template,
+    TemplateLevel,
+    TemplateOptions,
+    cell_of,
+    clear_share,
+    face_mask,
+    make_template,
+    pyramid,
+    to_level,
+)
 from planewright.sketch.graph import Sketch
 from planewright.video.frames import Frames
 
@@ -371,7 +382,7 @@ class _Follower:
             scaled /= scaled[2, 2]
             weights, information, figures, offset = np.zeros(len(t.q)), np.zeros((8, 8)), np.zeros(6), deviation.copy()
             floor = max(o.grey_sigma * 0.5**level, o.least_grey_sigma)
-            crowd, clear = max(t.share * crowding / (1 if level == 0 else 2), 1.0), _clear_share(t, floor)
+            crowd, clear = max(t.share * crowding / (1 if level == 0 else 2), 1.0), clear_share(t, floor)
             good = align_face(
                 levels[level], t.q, t.values, t.steepest, scaled, offset, prior, floor, crowd / clear**2, o.iterations,
                 0.02 if level == 0 else 0.05, weights, information, figures,
@@ -381,7 +392,7 @@ class _Follower:
             h, deviation = np.linalg.inv(to_level(level)) @ scaled, offset
             h /= h[2, 2]
             # The template's own noise looks like slope, and says nothing.
-            now = _clear_share(t, max(float(figures[3]), floor))
+            now = clear_share(t, max(float(figures[3]), floor))
             covariance = np.linalg.inv(information * (now / clear) ** 2 + prior)
             error = _worst_corner(h, covariance)
             if best is None or error < best.error:
@@ -411,7 +422,7 @@ class _Follower:
         first = min(count, len(template.levels)) - 1
         while first > 0 and 2.0**first > max(1.5 * worst, 2.0):
             t = template.levels[first - 1]
-            if t is not None and _clear_share(t, max(self.options.grey_sigma * 0.5 ** (first - 1), self.options.least_grey_sigma)) < 0.5:
+            if t is not None and clear_share(t, max(self.options.grey_sigma * 0.5 ** (first - 1), self.options.least_grey_sigma)) < 0.5:
                 break
             first -= 1
         return first
@@ -505,14 +516,6 @@ class _Aligned:
     weights: Float[np.ndarray, "pixels"]
     figures: Float[np.ndarray, "6"]
     floor: float
-
-
-def _clear_share(t: TemplateLevel, residual: float) -> float:
-    """Share of a template's slope that is neither shading nor its noise, whose variance is taken to be half of that of the residual.
-
-    Central differences of noise smoothed by a Gaussian of one pixel have (1 - 1 / e) / 2 of its variance, along each axis.
-    """
-    return float(np.clip((t.detail - 2 * 0.316 * 0.5 * residual**2) / max(t.slope, 1e-9), 0.02, 1.0))
 
 
 def loop_ends(strand: Strand, h: Mat3) -> Float[np.ndarray, "edges 4"]:

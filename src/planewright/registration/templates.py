@@ -23,8 +23,11 @@ class TemplateOptions:
     """Of the image, pixels; it takes out the pull of interpolation towards whole pixels, and most of the noise."""
     level_smoothing: float = 0.7
     """Of each coarser level, its own pixels."""
-    erosion: float = 4.0
-    """Pixels left free along the face's border: marks are a pixel or two beside it, and smoothing lets the other side shine in."""
+    erosion: float = 3.0
+    """Pixels left free along the face's border: marks are a pixel or two beside it, and smoothing lets the other side shine in.
+
+    With 2, 3 and 4 the corners of a bare carton are within 2 px in 18, 90 and 76 % of their frames; clips with texture differ by a point.
+    """
     level_erosion: int = 1
     """Likewise on the coarser levels, their own pixels, besides."""
     shading: float = 12.0
@@ -147,6 +150,14 @@ def _level(image: Level, mask: Bool[np.ndarray, "height width"], level: int, h: 
     outward = g[:, 0] * x + g[:, 1] * y
     steepest = np.column_stack([g[:, 0] * x, g[:, 0] * y, g[:, 0], g[:, 1] * x, g[:, 1] * y, g[:, 1], -outward * x, -outward * y])
     return TemplateLevel(np.ascontiguousarray(q), image[ys, xs], np.ascontiguousarray(steepest, dtype=np.float32), share, slope, detail)
+
+
+def clear_share(t: TemplateLevel, residual: float) -> float:
+    """Share of a template's slope that is neither shading nor its noise, whose variance is taken to be half of that of the residual.
+
+    Central differences of noise smoothed by a Gaussian of one pixel have (1 - 1 / e) / 2 of its variance, along each axis.
+    """
+    return float(np.clip((t.detail - 2 * 0.316 * 0.5 * residual**2) / max(t.slope, 1e-9), 0.02, 1.0))
 
 
 def _detail(image: Level, mask: Bool[np.ndarray, "height width"], xs: Int[np.ndarray, "n"], ys: Int[np.ndarray, "n"], sigma: float) -> float:
