@@ -5,7 +5,7 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.testing import assert_allclose
 
-from planewright.tracking.appearance import AppearanceOptions, even_exposure, patch_odds, smooth_states, uncovered
+from planewright.tracking.appearance import AppearanceOptions, PatchViews, even_exposure, patch_odds, smooth_states, uncovered
 
 ROWS, SAMPLES = 120, 24
 
@@ -16,9 +16,27 @@ def film(rng: np.random.Generator, texture: float = 25.0) -> tuple[np.ndarray, n
     return look + 2.0 * rng.normal(size=(ROWS, SAMPLES, 3)), look
 
 
-def odds_of(values: np.ndarray, marked: np.ndarray | None = None) -> np.ndarray:
-    far, radius = np.full(values.shape[:2], 6.0), np.linspace(1.0, 9.0, SAMPLES)
-    return patch_odds(values, far, radius, np.ones(len(values)), np.zeros(len(values), bool) if marked is None else marked)
+def odds_of(
+    values: np.ndarray,
+    marked: np.ndarray | None = None,
+    distance: np.ndarray | None = None,
+    scale: np.ndarray | None = None,
+    ceiling: float = np.inf,
+    turned: float = 0.3,
+    options: AppearanceOptions = AppearanceOptions(),
+) -> np.ndarray:
+    rows = len(values)
+    views = PatchViews(
+        values=values,
+        ceiling=np.full((rows, 3), ceiling),
+        distance=np.full(values.shape[:2], 6.0) if distance is None else distance,
+        radius=np.linspace(1.0, 9.0, values.shape[1]),
+        scale=np.ones(rows) if scale is None else scale,
+        sigma=np.full(rows, 0.3),
+        turned=np.full(rows, turned),
+        marked=np.zeros(rows, bool) if marked is None else marked,
+    )
+    return patch_odds(views, options)
 
 
 def test_a_patch_that_stays_the_same_is_seen_and_one_behind_something_else_is_not() -> None:
@@ -60,11 +78,11 @@ def test_a_mark_that_was_made_while_something_passed_does_not_hide_the_corner_fo
 def test_samples_at_the_border_and_samples_that_are_not_seen_say_nothing() -> None:
     values, _ = film(np.random.default_rng(3))
     values[50, ::2] = np.nan
-    far, radius = np.full(values.shape[:2], 6.0), np.linspace(1.0, 9.0, SAMPLES)
+    far = np.full(values.shape[:2], 6.0)
     values[70] += 80.0
     far[70] = 1.0
     values[80] = np.nan
-    odds = patch_odds(values, far, radius, np.ones(ROWS), np.zeros(ROWS, bool))
+    odds = odds_of(values, distance=far)
     assert odds[50] > 1.0
     assert odds[70] == 0.0
     assert odds[80] == 0.0
@@ -74,12 +92,46 @@ def test_a_smaller_view_may_blur_the_texture() -> None:
     rng = np.random.default_rng(4)
     values, look = film(rng)
     values[90:] = 0.55 * values[90:] + 0.45 * look.mean(axis=0)
-    far, radius = np.full(values.shape[:2], 6.0), np.linspace(1.0, 9.0, SAMPLES)
     scale = np.where(np.arange(ROWS) < 90, 1.0, 0.4)
-    assert (
-        patch_odds(values, far, radius, scale, np.zeros(ROWS, bool))[90:].min()
-        > patch_odds(values, far, radius, np.ones(ROWS), np.zeros(ROWS, bool))[90:].max()
-    )
+    assert odds_of(values, scale=scale, turned=0.0)[90:].min() > odds_of(values, turned=0.0)[90:].max()
+
+
+def test_what_changes_slowly_as_the_camera_goes_on_is_followed_and_what_comes_suddenly_is_not() -> None:
+    rng = np.random.default_rng(8)
+    values, _ = film(rng, texture=15.0)
+    values -= np.clip(np.arange(ROWS) - 40, 0, 40)[:, None, None] * 0.9  # 36 levels in 40 frames of .3 degrees: 3 a degree
+    covered = values.copy()
+    covered[90:] = 60.0 + 25.0 * rng.normal(size=(SAMPLES, 3))
+    assert odds_of(values).min() > 1.0
+    assert odds_of(values, turned=0.0)[90:].max() < 0.0  # from a camera that stands still nothing should change
+    assert odds_of(covered)[:90].min() > 1.0
+    assert odds_of(covered)[90:].max() < -1.0
+
+
+def test_what_is_as_bright_as_the_picture_can_be_is_no_sign_of_something_else() -> None:
+    rng = np.random.default_rng(9)
+    values = 240.0 + 2.0 * rng.normal(size=(ROWS, SAMPLES, 3))
+    values[40:70] = 215.0  # the frame was taken out of a brighter exposure, in which everything above is cut off
+    views = PatchViews(
+        values, np.where((np.arange(ROWS) >= 40) & (np.arange(ROWS) < 70), 214.0, 260.0)[:, None] * np.ones(3), np.full(values.shape[:2], 6.0),
+        np.linspace(1.0, 9.0, SAMPLES), np.ones(ROWS), np.full(ROWS, 0.3), np.zeros(ROWS), np.zeros(ROWS, bool),
+    )  # fmt: skip
+    assert patch_odds(views).min() > 0.5
+    assert odds_of(values, turned=0.0)[40:70].max() < 0.0
+
+
+def test_a_loosely_known_border_is_allowed_to_let_other_colours_in() -> None:
+    rng = np.random.default_rng(10)
+    values, _ = film(rng, texture=10.0)
+    values[60:] += 25.0
+    views = {
+        sigma: PatchViews(
+            values, np.full((ROWS, 3), np.inf), np.full(values.shape[:2], 3.0), np.linspace(1.0, 9.0, SAMPLES), np.ones(ROWS), np.full(ROWS, sigma),
+            np.zeros(ROWS), np.arange(ROWS) == 3,
+        )
+        for sigma in (0.2, 3.0)
+    }  # fmt: skip
+    assert patch_odds(views[3.0])[60:].min() > patch_odds(views[0.2])[60:].max() + 1.0
 
 
 def test_the_exposure_is_taken_out() -> None:
@@ -87,7 +139,7 @@ def test_the_exposure_is_taken_out() -> None:
     values = np.concatenate([film(rng)[0] for _ in range(30)], axis=1)
     gain = np.exp(0.3 * rng.normal(size=(ROWS, 3)))
     values[20:30, :SAMPLES] = np.nan
-    even = even_exposure(gain[:, None] * values)
+    even = gain[:, None] * values / even_exposure(gain[:, None] * values)[:, None]
     ratio = np.nanmedian(even / values, axis=1)
     assert (ratio / ratio.mean(axis=0)).std() < 0.08 * gain.std()
 
@@ -119,8 +171,9 @@ def test_one_odd_frame_does_not_cover_a_corner_and_a_corner_without_patches_stay
     values, _ = film(rng, texture=8.0)
     values[60] += 25.0
     far, radius = np.full(values.shape[:2], 6.0), np.linspace(1.0, 9.0, SAMPLES)
+    small, still = np.full((ROWS, 3), 0.3), np.zeros((ROWS, 3))
     found = uncovered(
-        values, far, radius, np.array([0, SAMPLES]), np.array([1]), np.ones((ROWS, 1)), np.ones((ROWS, 3), bool), np.zeros((ROWS, 3), bool),
+        values, far, radius, np.array([0, SAMPLES]), np.array([1]), np.ones((ROWS, 1)), small, still, np.ones((ROWS, 3), bool), np.zeros((ROWS, 3), bool),
     )  # fmt: skip
     assert found[:, [0, 2]].min() > 0.9
     assert found[np.arange(ROWS) != 60, 1].min() > 0.9

@@ -76,7 +76,7 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
     lines = frame_lines(view, (measure_frame(image, view, k, buffer(k), options.lines) for k, (_, image) in enumerate(looked)))
     base, _, _ = _project(scene.points + shift, cameras, rows)
     lines = replace(lines, offset=_beside(lines, predicted - base))
-    shift, _ = refit_corners(lines, marks, jacobian, scene.point_covariance, options.fusion)
+    shift, point_covariance = refit_corners(lines, marks, jacobian, scene.point_covariance, options.fusion)
 
     beside = scene.points + shift
     view = view_edges(scene, beside, cameras, rows, tolerance, options.lines)
@@ -91,7 +91,9 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
         measured.append(measure_frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8), view, k, shown, options.lines))
         values[k], distance[k] = sample_frame(image, patches, cameras, int(rows[k]), usable[k], shown, tolerance)
     scale = _smallest_scale(scene, patches, jacobian)
-    clear = uncovered(values, distance, patches.radius, patches.start, patches.corner, scale, possible, marked, options.appearance) >= 0.5
+    sigma = _image_sigma(point_covariance, jacobian)
+    turned = _turned(scene.points, cameras.centers[rows])
+    clear = uncovered(values, distance, patches.radius, patches.start, patches.corner, scale, sigma, turned, possible, marked, options.appearance) >= 0.5
     lines = _uncovered_lines(frame_lines(view, measured), clear)
     base, _, _ = _project(beside, cameras, rows)
     lines = replace(lines, offset=_beside(lines, predicted - base))
@@ -133,6 +135,21 @@ def _smallest_scale(scene: PlanarScene, patches: Patches, jacobian: Float[np.nda
     basis = tangent_basis(scene.normals[patches.face])
     in_plane = np.einsum("kpij,plj->kpil", jacobian[:, patches.corner], basis)
     return np.linalg.svd(in_plane, compute_uv=False)[..., 1]
+
+
+def _image_sigma(covariance: Float[np.ndarray, "points 3 3"], jacobian: Float[np.ndarray, "rows points 2 3"]) -> Float[np.ndarray, "rows points"]:
+    """Root mean square over the directions of the image, pixels; large where nothing is known."""
+    variance = 0.5 * np.einsum("kpij,pjl,kpil->kp", jacobian, covariance, jacobian)
+    return np.sqrt(np.where(np.isfinite(variance), np.clip(variance, 0.0, 1e6), 1e6))
+
+
+def _turned(points: Float[np.ndarray, "points 3"], centers: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows points"]:
+    """Degrees between the directions in which a frame and the one before see each corner; 0 in the first."""
+    ray = points - centers[:, None]
+    ray = ray / np.maximum(np.linalg.norm(ray, axis=2, keepdims=True), 1e-12)
+    angle = np.zeros(ray.shape[:2])
+    angle[1:] = np.degrees(2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(ray[1:] - ray[:-1], axis=2), 0.0, 1.0)))
+    return np.nan_to_num(angle)
 
 
 def _uncovered_lines(lines: FrameLines, clear: Bool[np.ndarray, "rows points"]) -> FrameLines:
