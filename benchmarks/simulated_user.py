@@ -22,7 +22,7 @@ from planewright.sketch.read import read_sketch
 from planewright.video.clip import open_clip
 
 SPOT = 2.0
-"""Pixels: an error that a person sees when they look at a corner."""
+"""Pixels: a corner whose median error is above this is a bad one."""
 
 Policy = Literal["worst first", "list followed"]
 Found = Mapping[str, Any]
@@ -40,6 +40,8 @@ class UserOptions:
     """Of a click, pixels an axis."""
     patience: int = 20
     """Corrections after which they give up."""
+    vain: int = 20
+    """Looks in a row at what is right, after which they stop following the list."""
     from_scratch: bool = False
     """Each correction is a new mark in the sketch and a run from the beginning."""
 
@@ -55,8 +57,12 @@ class Corrector(Protocol):
         """After one more mark."""
         ...
 
-    def suggestions(self) -> Sequence[tuple[str, int]]:
-        """Corner and frame of the marks that are said to be worth most, best first; none where nothing is suggested."""
+    def suggestion(self) -> tuple[str, int] | None:
+        """Corner and frame of the mark that is said to be worth most; None where nothing is suggested."""
+        ...
+
+    def looked(self, corner: str, frame: int) -> "Corrector":
+        """After the person looked there and saw nothing wrong."""
         ...
 
 
@@ -82,10 +88,10 @@ class UserRecord:
 def correct_as_user(start: Corrector, truth: Mapping[str, Any], policy: Policy, rng: np.random.Generator, options: UserOptions = UserOptions()) -> UserRecord:
     """Correct until `options.share` of the visible corner-frames are good.
 
-    `worst first` knows the truth and marks the worst corner-frame. `list followed` goes down the program's own list, looks at each corner in the frame that is
-    named there, and marks the first that they see is wrong; with nothing wrong on the list they stop.
+    `worst first` knows the truth and marks the worst corner-frame. `list followed` looks at what the program's own list names first, in the frame that is
+    named there. They mark it where it is not good, say so where it is, and stop after `options.vain` looks in a row in vain.
     """
-    at, looked, seen = start, 0, set[tuple[str, int]]()
+    at, looked = start, 0
     within: list[float] = []
     marks: list[tuple[str, int, float | None]] = []
     seconds: list[float] = []
@@ -99,12 +105,15 @@ def correct_as_user(start: Corrector, truth: Mapping[str, Any], policy: Policy, 
         if policy == "worst first":
             row = worst(errors)
         else:
-            for place in at.suggestions():
-                looked += place not in seen
-                seen.add(place)
-                row = wrong_at(errors, *place)
+            for _ in range(options.vain):
+                place = at.suggestion()
+                if place is None:
+                    break
+                looked += 1
+                row = wrong_at(errors, *place, options.good)
                 if row is not None:
                     break
+                at = at.looked(*place)
         if row is None:
             break
         x, y = errors.true_xy[row] + rng.normal(0.0, options.click_sigma, 2)
@@ -131,9 +140,9 @@ def worst(errors: CornerErrors) -> int:
     return int(mine[len(mine) // 2])
 
 
-def wrong_at(errors: CornerErrors, corner: str, frame: int) -> int | None:
-    """The row of a corner in a frame where a person would see that it is wrong; None where it is right, or cannot be seen."""
-    rows = np.flatnonzero((np.array(errors.corner) == corner) & (errors.frame == frame) & (errors.error > SPOT))
+def wrong_at(errors: CornerErrors, corner: str, frame: int, good: float = 5.0) -> int | None:
+    """The row of a corner in a frame where a person would not leave it alone; None where it is within `good` pixels, or cannot be seen."""
+    rows = np.flatnonzero((np.array(errors.corner) == corner) & (errors.frame == frame) & (errors.error > good))
     return int(rows[0]) if len(rows) else None
 
 
@@ -142,7 +151,6 @@ class Interactive:
     """Corrections as they are made at the screen: what a mark touches is solved again, the rest stays."""
 
     session: Session
-    listed: int = 20
 
     def found(self) -> Found:
         return claims(self.session.tracks, self.session.sketch)
@@ -150,8 +158,12 @@ class Interactive:
     def corrected(self, mark: Mark) -> "Interactive":
         return replace(self, session=correct(self.session, mark).session)
 
-    def suggestions(self) -> Sequence[tuple[str, int]]:
-        return [(s.point, s.frame) for s in suggest(self.session, self.listed)]
+    def suggestion(self) -> tuple[str, int] | None:
+        found = suggest(self.session, 1)
+        return (found[0].point, found[0].frame) if found else None
+
+    def looked(self, corner: str, frame: int) -> "Interactive":
+        return replace(self, session=self.session.looked(PointId(corner), frame))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +181,12 @@ class FromScratch:
         sketch = with_mark(self.sketch, mark)
         return from_scratch(self.clip, sketch)
 
-    def suggestions(self) -> Sequence[tuple[str, int]]:
-        return ()
+    def suggestion(self) -> tuple[str, int] | None:
+        return None
+
+    def looked(self, corner: str, frame: int) -> "FromScratch":
+        del corner, frame
+        return self
 
 
 def from_scratch(clip: Path, sketch: Sketch) -> FromScratch:
@@ -198,8 +214,12 @@ class Followed:
     def corrected(self, mark: Mark) -> "Followed":
         return replace(self, sketch=with_mark(self.sketch, mark))
 
-    def suggestions(self) -> Sequence[tuple[str, int]]:
-        return ()
+    def suggestion(self) -> tuple[str, int] | None:
+        return None
+
+    def looked(self, corner: str, frame: int) -> "Followed":
+        del corner, frame
+        return self
 
 
 def corrected_by_users(files: ClipFiles, truth: Mapping[str, Any], users: int, options: UserOptions) -> list[dict[str, Any]]:

@@ -79,7 +79,7 @@ def _stage(shed, clicks: Shift, plane: Mapping[str, float], wanted: tuple[tuple[
             at.append(place + (plane.get(face.id, 0.0) + rng.normal(0.0, 0.3 * pixel)) * truth.normals[f])
             del k
     lines = tuple(
-        EdgeLine((min(a, b), max(a, b)), f, across, (0.0, 0.0), (0.5 * pixel, 0.5 * pixel), pixel, 3.0, False, None)
+        EdgeLine((min(a, b), max(a, b)), f, across, across, (0.0, 0.0), (0.5 * pixel, 0.5 * pixel), pixel, 3.0, False, None)
         for f, a, b in drawn_edges(sketch)
         if sketch.faces[f].id not in plane and not {sketch.points[a].id, sketch.points[b].id} & set(clicks)
         for across in [_across(truth, f, a, b)]

@@ -33,10 +33,35 @@ def test_frames_that_looked_at_something_else_are_not_believed(stage) -> None:
     session = staged.session
     shift = np.array([0.0, 0.0, 0.3])
     scene, other, chosen = moved_by(session, "b1", shift)
-    rows = carry_tracks(session.tracks, scene, other, session.model.cameras, chosen)
+    rows = carry_tracks(session.tracks, scene, other, session.model.cameras, chosen, doubted=chosen)
     cameras, row = session.model.cameras, session.row(PointId("b1"))
     seen = [cameras.intrinsics.project(cameras.cam_from_world(cameras.row(int(f))).apply(other.points[row][None]))[0] for f in rows.frame]
     assert np.linalg.norm(rows.xy - np.array(seen), axis=1).max() < 1.0
+
+
+def test_frames_of_other_corners_are_believed_and_hold_their_tracks(stage) -> None:
+    session = stage().session
+    tracks = session.tracks
+    sure = replace(session, tracks=replace(tracks, covariance=np.full_like(tracks.covariance, 0.0) + 0.1**2 * np.eye(2)))
+    spread = np.tile(1e-2 * np.eye(3), (len(session.sketch.points), 1, 1))
+    scene, other, chosen = moved_by(sure, "b1", np.array([0.0, 0.0, 0.3]))
+    vague, moved = (replace(s, point_covariance=spread) for s in (scene, other))
+    rows = carry_tracks(sure.tracks, vague, moved, session.model.cameras, chosen)
+    old = sure.tracks.point_index == session.row(PointId("b1"))
+    at = np.searchsorted(rows.frame, sure.tracks.frame[old])
+    assert np.linalg.norm(rows.xy[at] - sure.tracks.xy[old], axis=1).max() < 0.5
+
+
+def test_a_bridged_stretch_of_another_corner_keeps_its_bits(stage) -> None:
+    session = stage().session
+    old = np.flatnonzero(session.tracks.point_index == session.row(PointId("b1")))
+    state = session.tracks.state.copy()
+    state[old[5:12]] = State.BRIDGED
+    scene, other, chosen = moved_by(session, "b1", np.array([0.02, 0.0, 0.02]))
+    rows = carry_tracks(replace(session.tracks, state=state), scene, other, session.model.cameras, chosen)
+    at = np.searchsorted(rows.frame, session.tracks.frame[old[5:12]])
+    assert_array_equal(rows.xy[at], session.tracks.xy[old[5:12]])
+    assert set(rows.state[at]) == {int(State.BRIDGED)}
 
 
 def test_covariances_are_symmetric_and_positive(stage) -> None:

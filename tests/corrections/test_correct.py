@@ -164,3 +164,40 @@ def test_what_cannot_be_carried_out_is_said(stage) -> None:
 
     with pytest.raises(Cancelled):
         correct(session, Mark(W0, 3, (100.0, 100.0)), progress=stop)
+
+
+def test_a_mark_that_agrees_changes_its_own_track_alone_and_that_hardly(stage) -> None:
+    staged = stage()
+    done = correct(staged.session, Mark(PointId("m3"), 20, staged.at("m3", 20, (0.5, -0.4))))
+    assert done.kind == "agreed"
+    assert done.session.model is not None and staged.session.model is not None
+    assert done.session.model.structure.scene.points is staged.session.model.structure.scene.points
+    for point in staged.session.sketch.points:
+        if point.id != "m3":
+            assert_same_rows(rows_of(done.session, point.id), rows_of(staged.session, point.id))
+    assert staged.errors(done.session, "m3").max() < staged.errors(staged.session, "m3").max() + 0.3
+
+
+def test_a_drag_leaves_corners_that_the_frames_hold_within_what_they_said(stage) -> None:
+    staged = stage(clicks={"a1": (5.0, -4.0)})
+    tracks = staged.session.tracks
+    sure = replace(
+        staged.session,
+        tracks=replace(
+            tracks, covariance=np.where(np.isin(tracks.point_index, [staged.session.row(A1)])[:, None, None], tracks.covariance, 0.2**2 * np.eye(2))
+        ),
+    )
+    before = {p.id: np.median(staged.errors(sure, p.id)) for p in sure.sketch.points}
+    done = correct(sure, Mark(A1, 33, staged.at("a1", 33)))
+    after = {p.id: np.median(staged.errors(done.session, p.id)) for p in sure.sketch.points}
+    assert max(after[p] - before[p] for p in before if p != "a1") < 0.3
+
+
+def test_a_mark_in_a_frame_called_hidden_uncovers_the_run_around_it(stage) -> None:
+    staged = stage()
+    mine = staged.session.tracks.point_index == staged.session.row(PointId("m3"))
+    run = mine & (staged.session.tracks.frame >= 15) & (staged.session.tracks.frame <= 25)
+    covered = replace(staged.session.tracks, state=np.where(run, int(State.HIDDEN), staged.session.tracks.state))
+    done = correct(replace(staged.session, tracks=covered), Mark(PointId("m3"), 20, staged.at("m3", 20)))
+    rows = rows_of(done.session, "m3")
+    assert not (rows.state[(rows.frame >= 15) & (rows.frame <= 25)] == State.HIDDEN).any()

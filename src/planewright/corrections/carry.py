@@ -1,16 +1,19 @@
 """Tracks carried along when the model under them moves, without a look at any frame.
 
-A tracked position is a fusion: of the model's projection, as sure as the model was, and of what the frames said. Both are Gaussians, so how much of a
-move of the model reaches the track follows from their covariances. Following 300 frames anew takes seconds, this takes hundredths of one.
+A track has its corner at a point in space: the model's, moved by what the lines of all frames say (`said`). Both are Gaussians, so how much of a move of
+the model reaches the track follows from their covariances. Following 300 frames anew takes seconds, this takes hundredths of one.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from planewright.arrays import Bool, Float, Int
+from planewright.corrections.said import Said, Shown, show, what_frames_said, widened
+from planewright.planes.evidence import CornerMarks
 from planewright.planes.planar_scene import PlanarScene
 from planewright.sfm.cameras import Cameras
+from planewright.tracking.fusion import FusionOptions
 from planewright.tracking.tracks import State, Tracks
 from planewright.tracking.visibility import corner_visibility
 
@@ -19,16 +22,18 @@ from planewright.tracking.visibility import corner_visibility
 class CarryOptions:
     """How tracks are carried."""
 
-    common_sigma: float = 0.3
-    """Error that the model and the frames have in common, pixels; it is in every covariance and takes no part in the fusion. As in `CornerOptions`."""
+    fusion: FusionOptions = field(default_factory=FusionOptions)
+    """How far the model's corners were allowed to be moved by lines; as in `CornerOptions`."""
+    common_sigma: float = 0.05
+    """Error that all corners have in common, pixels; in every covariance. As in `CornerOptions`."""
     alone_sigma: float = 0.6
     """Standard deviation of what a frame may add to the model's projection where no frame is believed, pixels."""
     contradiction: float = 9.2
-    """Where the frames are off the new projection by more than this on average (chi-square with two degrees of freedom, 1 %), they looked at something
-    else, and are not believed."""
+    """A mark that is further off a track than both allow (chi-square with two degrees of freedom, 1 %) says that its frames looked at something else.
+    So does the new model, of corners whose face was measured on something else."""
     slack: float = 1.0
-    """Standard deviation (pixels) granted to the new projection in that. Its own covariance would grant too much: after a wrong face is given up it is
-    wide, and frames that looked along the wrong face would be believed (desktop: 91 % within 2 px in place of 97.6)."""
+    """Standard deviation (pixels) granted to the new model in that. Its own covariance would grant too much: after a wrong face is given up it is wide,
+    and frames that looked along the wrong face would be believed."""
     far: float = 5.0
     """A corner that moves by more than this (pixels) may be hidden by something else than before: what hides it is worked out anew."""
     occluder_tolerance: float = 0.004
@@ -38,12 +43,14 @@ class CarryOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    """One model in every frame with a pose."""
+class Placed:
+    """A corner whose place is known better than the model and its track have it."""
 
-    xy: Float[np.ndarray, "frames chosen 2"]
-    """As displayed; NaN behind the camera."""
-    covariance: Float[np.ndarray, "frames chosen 2 2"]
+    point: int
+    """Row of the sketch's points."""
+    place: Float[np.ndarray, "3"]
+    """World."""
+    covariance: Float[np.ndarray, "3 3"]
 
 
 def carry_tracks(
@@ -55,6 +62,7 @@ def carry_tracks(
     options: CarryOptions = CarryOptions(),
     *,
     doubted: Bool[np.ndarray, "points"] | None = None,
+    placed: Placed | None = None,
 ) -> Tracks:
     """The tracks of the moved corners in all frames with a pose.
 
@@ -62,53 +70,92 @@ def carry_tracks(
         old: tracks that go with `before`.
         after: with the sketch in which the marks are up to date.
         moved: the corners to be carried; those that `after` does not know have no rows but their marks.
-        doubted: corners whose old tracks are not believed, because a mark contradicts them.
+        doubted: corners whose frames are not believed where they contradict the new model: what they looked at turned out to be something else.
+        placed: a corner that goes where this says, whatever the model says.
     """
     rows = np.flatnonzero(cameras.posed)
     chosen = np.flatnonzero(moved & after.point_known)
-    new = _project(after, cameras, rows, chosen)
-    past = _project(before, cameras, rows, chosen)
     xy, covariance, state = _table(old, cameras.frame[rows], chosen)
-    usable = np.isfinite(past.xy).all(axis=2) & np.isfinite(xy).all(axis=2) & before.point_known[chosen] & np.isin(state, (State.TRACKED, State.BRIDGED))
-    eye = np.eye(2)
-    own = options.common_sigma**2 * eye
-    covariance = np.where(usable[..., None, None], covariance, eye)
-    model = new.covariance + 1e-6 * eye
-    believed = usable & _believed(xy - new.xy, covariance + options.slack**2 * eye, usable & np.isfinite(new.xy).all(axis=2), options)
+    anew = np.zeros(len(chosen), dtype=bool) if doubted is None else doubted[chosen].copy()
+    if placed is not None:
+        anew |= chosen == placed.point
+    # A bridged stretch has left the model; only what is said of its corner itself moves it.
+    bridged = (state == int(State.BRIDGED)) & ~anew
+    said = what_frames_said(old, before, cameras, chosen, options.fusion)
+    known = before.point_known[chosen]
+    spoke = said.spoke & known
     if doubted is not None:
-        believed &= ~doubted[chosen]
-    # With information M^-1 of the model and L of the frames, a move of the model moves the fusion by (M^-1 + L)^-1 M^-1 of it.
-    prior = np.linalg.inv(model)
-    before_it = np.linalg.inv(past.covariance + 1e-6 * eye)
-    said = _positive(np.linalg.inv(_positive(covariance - own, 1e-4)) - before_it, 0.0)
-    fused = np.linalg.inv(prior + said)
-    step = np.where(believed[..., None], new.xy - past.xy, 0.0)
-    moved_xy = np.where(believed[..., None], xy + np.einsum("kpij,kpjl,kpl->kpi", fused, prior, step), new.xy)
-    carried = _positive(covariance + fused - np.linalg.inv(before_it + said), options.common_sigma**2)
-    spread = np.where(believed[..., None, None], carried, model + (options.common_sigma**2 + options.alone_sigma**2) * eye)
-    motion = _frame_motion(moved_xy - new.xy, believed)
-    moved_xy = moved_xy + np.where(believed[..., None], 0.0, motion[:, None])
-    moved_xy = np.where(np.isfinite(new.xy), moved_xy, np.nan)
+        spoke &= ~doubted[chosen] | _agrees(said, after, cameras, rows, chosen, options)
+    place, spread = _carried(said, before, after, cameras, rows, chosen, spoke, options)
+    if placed is not None:
+        mine = chosen == placed.point
+        place[mine], spread[mine] = placed.place, placed.covariance
+    past, new = show(said.place, cameras, rows), show(place, cameras, rows)
+    seen_past, seen_new = _displayed(past, cameras, rows), _displayed(new, cameras, rows)
+    has_row: Bool[np.ndarray, "frames chosen"] = np.logical_and(np.isfinite(xy).all(axis=2), np.isfinite(seen_past).all(axis=2))
+    follows = np.asarray(has_row & spoke)
+    eye = np.eye(2)
+    motion = _frame_motion(np.where((follows & ~bridged)[..., None], xy - seen_past, np.nan))
+    moved_xy = np.where(follows[..., None], np.where(has_row[..., None], xy, 0.0) + seen_new - seen_past, seen_new + motion[:, None])
+    change = np.einsum("kpij,pjl,kpml->kpim", new.jacobian, spread, new.jacobian) - np.einsum(
+        "kpij,pjl,kpml->kpim", past.jacobian, said.covariance, past.jacobian
+    )
+    own = np.einsum("kpij,pjl,kpml->kpim", new.jacobian, spread, new.jacobian)
+    carried = _positive(np.where(follows[..., None, None], covariance, eye) + change, options.common_sigma**2)
+    alone = own + (options.common_sigma**2 + options.alone_sigma**2) * eye
+    spread_xy = np.where(follows[..., None, None], carried, alone)
+    unmoved = np.asarray(bridged | (follows & (place == said.place).all(axis=1) & (spread == said.covariance).all(axis=(1, 2))))
+    moved_xy, spread_xy = np.where(unmoved[..., None], xy, moved_xy), np.where(unmoved[..., None, None], covariance, spread_xy)
     states = _states(moved_xy, xy, state, after, cameras, rows, chosen, options)
-    return _rows(moved_xy, spread, states, after, cameras, rows, chosen, moved, options)
+    return _rows(moved_xy, spread_xy, states, after, cameras, rows, chosen, moved, options)
 
 
-def _project(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "frames"], chosen: Int[np.ndarray, "chosen"]) -> _Seen:
-    points = np.where(scene.point_known[chosen, None], scene.points[chosen], 0.0)
-    rotation = cameras.rotation[rows]
-    in_cam = np.einsum("kij,pj->kpi", rotation, points) + cameras.translation[rows][:, None]
-    depth = np.where(in_cam[..., 2] > 1e-9, in_cam[..., 2], np.nan)
-    normalized = in_cam[..., :2] / depth[..., None]
-    pinhole, lens = cameras.intrinsics.pinhole(), cameras.lens
-    xy = pinhole.principal_point + pinhole.focal * normalized
-    if not lens.straight:
-        for k, row in enumerate(rows.tolist()):
-            front = np.isfinite(depth[k])
-            xy[k, front] = lens.to_displayed(int(cameras.frame[row]), xy[k, front], depth[k, front])
-    jacobian = pinhole.focal / depth[..., None, None] * (rotation[:, None, :2] - normalized[..., None] * rotation[:, None, 2:])
-    jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
-    spread = np.where(np.isfinite(scene.point_covariance[chosen]), scene.point_covariance[chosen], 0.0)
-    return _Seen(np.where(scene.point_known[chosen, None], xy, np.nan), np.einsum("kpij,pjl,kpml->kpim", jacobian, spread, jacobian))
+def _carried(
+    said: Said,
+    before: PlanarScene,
+    after: PlanarScene,
+    cameras: Cameras,
+    rows: Int[np.ndarray, "frames"],
+    chosen: Int[np.ndarray, "chosen"],
+    spoke: Bool[np.ndarray, "chosen"],
+    options: CarryOptions,
+) -> tuple[Float[np.ndarray, "chosen 3"], Float[np.ndarray, "chosen 3 3"]]:
+    """Where the new model and the frames together have the corners; the new model alone where the frames are not believed.
+
+    With information M^-1 of the model and L of the frames, a move of the model moves the fusion by (M^-1 + L)^-1 M^-1 of it. M is that of before: a
+    solution in which most things are held is surer than it should be, and would draw tracks to the model that no mark is about.
+    """
+    place, spread = after.points[chosen].copy(), after.point_covariance[chosen].copy()
+    spread = np.where(np.isfinite(spread), spread, 0.0)
+    use = np.flatnonzero(spoke)
+    if len(use):
+        corners = chosen[use]
+        prior = np.linalg.inv(widened(before.point_covariance[corners], show(before.points[corners], cameras, rows), options.fusion))
+        step = np.einsum("pij,pjk,pk->pi", said.covariance[use], prior, place[use] - before.points[corners])
+        place[use], spread[use] = said.place[use] + step, said.covariance[use]
+    return place, spread
+
+
+def _agrees(
+    said: Said, after: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "frames"], chosen: Int[np.ndarray, "chosen"], options: CarryOptions
+) -> Bool[np.ndarray, "chosen"]:
+    """Corners whose tracks are where the new model has them, or near enough, in the mean over the frames."""
+    past, new = show(said.place, cameras, rows), show(after.points[chosen], cameras, rows)
+    both: Bool[np.ndarray, "frames chosen"] = np.logical_and(np.isfinite(past.xy).all(axis=2), np.isfinite(new.xy).all(axis=2))
+    away = np.where(both[..., None], past.xy - new.xy, 0.0)
+    spread = np.einsum("kpij,pjl,kpml->kpim", past.jacobian, said.covariance, past.jacobian) + options.slack**2 * np.eye(2)
+    square = np.einsum("kpi,kpij,kpj->kp", away, np.linalg.inv(spread), away)
+    return square.sum(axis=0) / np.maximum(both.sum(axis=0), 1) < options.contradiction
+
+
+def _displayed(shown: Shown, cameras: Cameras, rows: Int[np.ndarray, "frames"]) -> Float[np.ndarray, "frames chosen 2"]:
+    if cameras.lens.straight:
+        return shown.xy
+    xy = shown.xy.copy()
+    for k, row in enumerate(rows.tolist()):
+        front = np.isfinite(shown.depth[k])
+        xy[k, front] = cameras.lens.to_displayed(int(cameras.frame[row]), xy[k, front], shown.depth[k, front])
+    return xy
 
 
 def _table(
@@ -134,34 +181,34 @@ def _positive(matrices: Float[np.ndarray, "frames chosen 2 2"], least: float) ->
     return np.einsum("kpij,kpj,kplj->kpil", axes, np.maximum(values, least), axes)
 
 
-def _believed(
-    off: Float[np.ndarray, "frames chosen 2"],
-    spread: Float[np.ndarray, "frames chosen 2 2"],
-    measured: Bool[np.ndarray, "frames chosen"],
-    options: CarryOptions,
-) -> Bool[np.ndarray, "chosen"]:
-    """Corners whose tracks agree with the new model."""
-    away = np.where(measured[..., None], off, 0.0)
-    square = np.einsum("kpi,kpij,kpj->kp", away, np.linalg.inv(spread), away)
-    return square.sum(axis=0) / np.maximum(measured.sum(axis=0), 1) < options.contradiction
-
-
-def _frame_motion(away: Float[np.ndarray, "frames chosen 2"], believed: Bool[np.ndarray, "frames chosen"]) -> Float[np.ndarray, "frames 2"]:
-    """What each frame adds to the whole picture, from three corners at least whose frames are believed."""
-    values = np.where(believed[..., None], away, np.nan)
-    enough = np.isfinite(values).all(axis=2).sum(axis=1) >= 3
+def _frame_motion(away: Float[np.ndarray, "frames chosen 2"]) -> Float[np.ndarray, "frames 2"]:
+    """What each frame adds to the whole picture, from three corners at least that are followed there. away: NaN elsewhere."""
+    enough = np.isfinite(away).all(axis=2).sum(axis=1) >= 3
     out = np.zeros((len(away), 2))
     if enough.any():
-        # What a corner has in all frames is its own.
-        out[enough] = np.nanmedian((values - _usual(values))[enough], axis=1)
-    return np.where(np.isfinite(out), out, 0.0)
-
-
-def _usual(values: Float[np.ndarray, "frames chosen 2"]) -> Float[np.ndarray, "chosen 2"]:
-    out = np.zeros(values.shape[1:])
-    some = np.isfinite(values).any(axis=(0, 2))
-    out[some] = np.nanmedian(values[:, some], axis=0)
+        out[enough] = np.nanmedian(away[enough], axis=1)
     return out
+
+
+def unhidden_frames(
+    scene: PlanarScene, cameras: Cameras, corner: int, frames: Int[np.ndarray, "frames"], options: CarryOptions = CarryOptions()
+) -> Bool[np.ndarray, "frames"]:
+    """Whether the model has nothing before a corner, in some frames with a pose."""
+    rows = np.searchsorted(cameras.frame, frames)
+    return _free(scene, cameras, rows, options)[:, corner]
+
+
+def _free(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "frames"], options: CarryOptions) -> Bool[np.ndarray, "frames points"]:
+    size = float(np.linalg.norm(np.ptp(scene.points[scene.point_known], axis=0)))
+    face_known = scene.face_known[:, None]
+    return corner_visibility(
+        scene.sketch,
+        np.where(scene.point_known[:, None], scene.points, np.nan),
+        np.where(face_known, scene.normals, np.nan),
+        np.where(scene.face_known, scene.offsets, np.nan),
+        cameras.centers[rows],
+        options.occluder_tolerance * size,
+    )
 
 
 def _states(
@@ -176,20 +223,12 @@ def _states(
 ) -> Int[np.ndarray, "frames chosen"]:
     """Seen or hidden as before, unless the corner came from far off or was not there before."""
     width, height = cameras.intrinsics.image_size
-    size = float(np.linalg.norm(np.ptp(scene.points[scene.point_known], axis=0)))
-    face_known = scene.face_known[:, None]
-    free = corner_visibility(
-        scene.sketch,
-        np.where(scene.point_known[:, None], scene.points, np.nan),
-        np.where(face_known, scene.normals, np.nan),
-        np.where(scene.face_known, scene.offsets, np.nan),
-        cameras.centers[rows],
-        options.occluder_tolerance * size,
-    )[:, chosen]
+    free = _free(scene, cameras, rows, options)[:, chosen]
     near = np.linalg.norm(np.where(np.isfinite(xy), xy, 1e9) - old_xy, axis=2) <= options.far
     seen = np.where(near & np.isin(old, (State.TRACKED, State.BRIDGED, State.HIDDEN)), old != int(State.HIDDEN), free)
     inside = (xy >= 0).all(axis=2) & (xy[..., 0] < width) & (xy[..., 1] < height)
-    return np.where(inside, np.where(seen, int(State.TRACKED), int(State.HIDDEN)), int(State.PREDICTED))
+    found = np.where(inside, np.where(seen, int(State.TRACKED), int(State.HIDDEN)), int(State.PREDICTED))
+    return np.where((old == int(State.BRIDGED)) & (xy == old_xy).all(axis=2), int(State.BRIDGED), found)
 
 
 def _rows(
@@ -268,3 +307,21 @@ def fused_with_mark(tracks: Tracks, point: int, frame: int, xy: Float[np.ndarray
     spreads[k] = (np.eye(2) - gain) @ spreads[k]
     spreads[k] = 0.5 * (spreads[k] + spreads[k].T)
     return replace(tracks, xy=places, covariance=spreads)
+
+
+def sure(tracks: Tracks, point: int, frame: int) -> float:
+    """The larger standard deviation of a track in a frame, pixels; infinite where there is no row."""
+    here = np.flatnonzero((tracks.point_index == point) & (tracks.frame == frame))
+    return float(np.sqrt(np.linalg.eigvalsh(tracks.covariance[here[0]])[-1])) if len(here) else float("inf")
+
+
+def with_a_mark(known: Placed, mark: CornerMarks) -> Placed:
+    """A corner after one more observation of it (the extended Kalman filter's update)."""
+    projection, sigma = mark.projection[0], float(mark.sigma[0])
+    seen = projection @ np.append(known.place, 1.0)
+    if seen[2] <= 0:
+        return known
+    jacobian = (projection[:2, :3] - (seen[:2] / seen[2])[:, None] * projection[2:, :3]) / seen[2]
+    gain = known.covariance @ jacobian.T @ np.linalg.inv(jacobian @ known.covariance @ jacobian.T + sigma**2 * np.eye(2))
+    covariance = (np.eye(3) - gain @ jacobian) @ known.covariance
+    return Placed(known.point, known.place + gain @ (mark.xy[0] - seen[:2] / seen[2]), 0.5 * (covariance + covariance.T))

@@ -9,26 +9,42 @@ from threadpoolctl import threadpool_limits
 
 from planewright.arrays import Bool, Int
 from planewright.corrections.bridge import BridgeOptions, bridged, bridged_at_once, bridges, replaced
-from planewright.corrections.carry import CarryOptions, carry_tracks, contradicted, fused_with_mark, joined, taken
-from planewright.corrections.explanations import ExplainOptions, Explanation, alone_at, explain, present_price
+from planewright.corrections.carry import (
+    CarryOptions,
+    Placed,
+    carry_tracks,
+    contradicted,
+    fused_with_mark,
+    joined,
+    sure,
+    taken,
+    unhidden_frames,
+    with_a_mark,
+)
+from planewright.corrections.explanations import ExplainOptions, Explanation, alone_at, explain, present_price, reach, resting_on
+from planewright.corrections.relook import RelookOptions, look_again
+from planewright.corrections.said import Said, what_frames_said
 from planewright.corrections.session import Mark, Model, Session, with_mark
 from planewright.errors import UsageError
-from planewright.planes.evidence import CornerMarks
+from planewright.planes.evidence import CornerMarks, CornerPriors
 from planewright.planes.planar_scene import PlanarScene
 from planewright.progress import Progress, silent
+from planewright.sfm.cameras import Cameras
 from planewright.sketch.graph import PointId
 from planewright.tracking.follow import follow_corners
 from planewright.tracking.tracks import State, Tracks
 
-Kind = Literal["moved", "solved", "bridged", "noted"]
+Kind = Literal["agreed", "moved", "solved", "bridged", "noted"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectionOptions:
     """How a mark is obeyed."""
 
-    mark_sigma: float = 0.7
-    """Standard deviation of a correction an axis, pixels: people drag more carefully than they click."""
+    mark_sigma: float = 1.0
+    """Standard deviation of a correction an axis, pixels: chosen, as that of a click."""
+    sure: float = 1.0
+    """A mark that a track agrees with changes nothing but that track where the track is at least this sure (standard deviation, pixels)."""
     contradiction: float = 13.8
     """A mark that the best explanation still misses by more than this (chi-square with two degrees of freedom, 0.1 %) contradicts the model."""
     price_of_model: float = 60.0
@@ -39,6 +55,8 @@ class CorrectionOptions:
     """What may give way."""
     carry: CarryOptions = field(default_factory=CarryOptions)
     """How tracks follow the model."""
+    relook: RelookOptions = field(default_factory=RelookOptions)
+    """How the edges at the corner are measured again."""
     bridge: BridgeOptions = field(default_factory=BridgeOptions)
     """How a mark acts in the image alone."""
 
@@ -49,8 +67,8 @@ class Corrected:
 
     session: Session
     kind: Kind
-    """`moved`: the corner by itself, in all frames; `solved`: with its faces; `bridged`: in the image, between this mark and its neighbours; `noted`: the
-    point has no track that could follow."""
+    """`agreed`: the track was right, and takes the mark in; `moved`: the corner by itself, in all frames; `solved`: with its faces; `bridged`: in the image,
+    between this mark and its neighbours; `noted`: the point has no track that could follow."""
     points: tuple[PointId, ...]
     """Whose tracks changed."""
     frames: Int[np.ndarray, "frames"]
@@ -128,31 +146,128 @@ def _in_space(session: Session, model: Model, corner: int, mark: Mark, options: 
         np.array([options.mark_sigma]),
         np.ones(1, dtype=bool),
     )
-    scene = structure.scene
+    scene, carry = structure.scene, replace(options.carry, fusion=model.corners.fusion, common_sigma=model.corners.common_sigma)
+    place = np.array(mark.xy)
+    near = np.flatnonzero(~reach(scene, structure.basis, structure.relations, corner).points & scene.point_known)
+    said = what_frames_said(session.tracks, scene, cameras, near, carry.fusion)
+    wrong = contradicted(session.tracks, corner, mark.frame, place, options.mark_sigma, carry.contradiction)
+    at = np.flatnonzero((near == corner) & said.spoke)
+    told = None if wrong or len(at) == 0 else with_a_mark(Placed(corner, said.place[at[0]], said.covariance[at[0]]), term)
+    if told is not None and sure(session.tracks, corner, mark.frame) <= options.sure:
+        return _agreed(session, scene, cameras, corner, mark, told, options, carry, preview)
     if preview is not unseen:
         guess = alone_at(scene, structure.basis, structure.lines, corner, term, options.explain)
         if guess is not None:
-            near = replace(cameras, posed=cameras.posed & (np.abs(cameras.frame - mark.frame) <= options.first_frames // 2))
-            preview(carry_tracks(session.tracks, scene, *_scene_after(scene, guess, corner)[:1], near, np.arange(len(scene.points)) == corner, options.carry))
+            around = replace(cameras, posed=cameras.posed & (np.abs(cameras.frame - mark.frame) <= options.first_frames // 2))
+            only = np.arange(len(scene.points)) == corner
+            preview(carry_tracks(session.tracks, scene, _scene_after(scene, guess, corner)[0], around, only, carry, doubted=only & wrong))
     progress("Correcting", 0, 2)
-    ranked = explain(scene, structure.basis, structure.lines, structure.relations, corner, term, options.explain)
+    held = _holding(said, scene, near, corner, wrong)
+    ranked = explain(scene, structure.basis, structure.lines, structure.relations, corner, term, options.explain, said=held)
     progress("Correcting", 1, 2)
     best = ranked[0] if ranked else None
     limit = options.contradiction * options.mark_sigma**2
     if best is None or best.off**2 > limit or best.price - present_price(scene, structure.basis, options.explain) > options.price_of_model:
         return _in_image(session, corner, mark, options, preview, progress, against=best)
     after, moved = _scene_after(scene, best, corner)
-    place = np.array(mark.xy)
-    wrong = contradicted(session.tracks, corner, mark.frame, place, options.mark_sigma, options.carry.contradiction)
-    doubted = (np.arange(len(scene.points)) == corner) & wrong
-    rows = carry_tracks(session.tracks, scene, after, cameras, moved, options.carry, doubted=doubted)
-    rows = fused_with_mark(rows, corner, mark.frame, place, options.mark_sigma)
+    unseated = np.isin(np.arange(len(scene.points)), resting_on(best.basis, best.faces))
+    unseated[corner] = wrong
+    if told is None and after.point_known[corner]:
+        points = scene.points.copy()
+        points[near] = said.place
+        seen = _seen_rows(session.tracks, cameras, corner)
+        again = look_again(session.frames, after, cameras, points, corner, seen, model.corners, options.relook)
+        told = Placed(corner, again.place, again.covariance) if again.edges else None
+    rows = carry_tracks(session.tracks, scene, after, cameras, moved, carry, doubted=unseated, placed=told)
     tracks = joined([taken(session.tracks, ~moved[session.tracks.point_index]), rows])
+    tracks = _as_marked(tracks, session.tracks, after, cameras, corner, mark, options, carry)
     changed = replace(structure, scene=after, basis=best.basis, lines=tuple(line for line in structure.lines if line.edge not in best.edges))
     final = replace(session, tracks=tracks, model=replace(model, structure=changed))
     progress("Correcting", 2, 2)
-    points = tuple(session.sketch.points[i].id for i in np.flatnonzero(moved))
-    return Corrected(final, "moved" if best.alone else "solved", points, np.unique(rows.frame), _told(session, best, corner))
+    points_moved = tuple(session.sketch.points[i].id for i in np.flatnonzero(moved))
+    return Corrected(final, "moved" if best.alone else "solved", points_moved, np.unique(rows.frame), _told(session, best, corner))
+
+
+def _agreed(
+    session: Session,
+    scene: PlanarScene,
+    cameras: Cameras,
+    corner: int,
+    mark: Mark,
+    told: Placed,
+    options: CorrectionOptions,
+    carry: CarryOptions,
+    preview: Preview,
+) -> Corrected:
+    """A mark where the track is anyway, and sure of it: the corner's track takes it in as one more observation; nothing else changes."""
+    only = np.arange(len(scene.points)) == corner
+    rows = carry_tracks(session.tracks, scene, scene, cameras, only, carry, placed=told)
+    tracks = joined([taken(session.tracks, ~only[session.tracks.point_index]), rows])
+    tracks = _as_marked(tracks, session.tracks, scene, cameras, corner, mark, options, carry)
+    mine = tracks.point_index == corner
+    if preview is not unseen:
+        preview(taken(tracks, mine))
+    here = np.flatnonzero((session.tracks.point_index == corner) & (session.tracks.frame == mark.frame))
+    off = float(np.linalg.norm(session.tracks.xy[here[0]] - np.array(mark.xy)))
+    name = session.sketch.points[corner].id
+    said = f"Your mark of {name} agrees with its track, which is {off:.1f} px beside it; the model stays as it is."
+    return Corrected(replace(session, tracks=tracks), "agreed", (name,), tracks.frame[mine], (said,))
+
+
+def _holding(said: Said, scene: PlanarScene, near: Int[np.ndarray, "near"], corner: int, wrong: bool) -> CornerPriors:
+    """What the frames said, as evidence against moving the corners: where the model has them; the marked one where its track has it, unless the mark
+    contradicts that.
+    """
+    use = np.flatnonzero(said.spoke & ((near != corner) | (not wrong)))
+    values, axes = np.linalg.eigh(said.information[use])
+    whitening = np.sqrt(np.maximum(values, 0.0))[:, :, None] * axes.transpose(0, 2, 1)
+    mean = np.where((near[use] == corner)[:, None], said.place[use], scene.points[near[use]])
+    return CornerPriors(near[use], mean, whitening)
+
+
+def _seen_rows(tracks: Tracks, cameras: Cameras, corner: int) -> Int[np.ndarray, "seen"]:
+    """Rows of the cameras whose frames are thought to show the corner."""
+    mine = (tracks.point_index == corner) & np.isin(tracks.state, (int(State.TRACKED), int(State.MARKED), int(State.BRIDGED)))
+    return np.flatnonzero(cameras.posed & np.isin(cameras.frame, tracks.frame[mine]))
+
+
+def _as_marked(
+    tracks: Tracks,
+    old: Tracks,
+    scene: PlanarScene,
+    cameras: Cameras,
+    corner: int,
+    mark: Mark,
+    options: CorrectionOptions,
+    carry: CarryOptions,
+) -> Tracks:
+    """The marked frame drawn to its mark; and where the corner was called hidden, it is called seen around the frame in which a person saw it."""
+    tracks = fused_with_mark(tracks, corner, mark.frame, np.array(mark.xy), options.mark_sigma)
+    here = np.flatnonzero((old.point_index == corner) & (old.frame == mark.frame))
+    if len(here) == 0 or old.state[here[0]] != int(State.HIDDEN):
+        return tracks
+    mine = np.flatnonzero(tracks.point_index == corner)
+    hidden = tracks.state[mine] == int(State.HIDDEN)
+    free = unhidden_frames(scene, cameras, corner, tracks.frame[mine], carry)
+    at = int(np.searchsorted(tracks.frame[mine], mark.frame))
+    # Where the model sees nothing before the marked corner, the run of frames ends where it does; otherwise the model is wrong here, and it is all of the run.
+    again = hidden & free if free[at] else hidden
+    first = last = at
+    while first > 0 and again[first - 1]:
+        first -= 1
+    while last + 1 < len(mine) and again[last + 1]:
+        last += 1
+    run = (np.arange(len(mine)) >= first) & (np.arange(len(mine)) <= last)
+    # Where that run is most of what looked covered, the looks were at fault: the other frames in which nothing is before it are believed no more.
+    if free[at] and 2 * run.sum() >= (hidden & free).sum():
+        run = hidden & free
+    said = scene.sketch.points[corner].hidden
+    state = tracks.state.copy()
+    for k in np.flatnonzero(run).tolist():
+        frame = int(tracks.frame[mine[k]])
+        if state[mine[k]] == int(State.HIDDEN) and not any(a <= frame <= b for a, b in said):
+            state[mine[k]] = int(State.TRACKED)
+    return replace(tracks, state=state)
 
 
 def _in_image(

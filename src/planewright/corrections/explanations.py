@@ -79,10 +79,15 @@ def explain(
     corner: int,
     mark: CornerMarks,
     options: ExplainOptions = ExplainOptions(),
+    *,
+    said: CornerPriors | None = None,
 ) -> list[Explanation]:
     """All explanations of a mark, the cheapest first.
 
-    mark: one firm term of `corner`; it is part of the evidence of every explanation, and of its `basis`.
+    Args:
+        mark: one firm term of `corner`; it is part of the evidence of every explanation, and of its `basis`.
+        said: what the frames say of corners besides the evidence: it holds them where they are, against explanations that would move them. It is no
+            part of any `basis`. What rests on a face that an explanation calls wrong is not held.
     """
     start = start_from(scene)
     nearby = reach(scene, basis, relations, corner)
@@ -100,9 +105,8 @@ def explain(
     def solve(held: Held, left: tuple[tuple[int, int], ...], planes: tuple[int, ...] = (), click: bool = False) -> None:
         stands = _without(given, drawn_on, lines, left, planes, corner if click else None)
         begin = _shifted(start, stands, corner, planes) if planes else start
-        solution = solve_structure(
-            begin, stands.incidences, stands.evidence, stands.constraints, options.structure, scale=EvidenceScale(*stands.scale), held=held
-        )
+        evidence = stands.evidence if said is None else _held_by(stands, said, planes)
+        solution = solve_structure(begin, stands.incidences, evidence, stands.constraints, options.structure, scale=EvidenceScale(*stands.scale), held=held)
         if solution.feasible:
             # What is left out fitted before, and would fit whatever it was measured on: it saves nothing to leave it out.
             fitted = whole - _price_now(start, replace(stands, evidence=_without_mark(stands.evidence)), options)
@@ -120,6 +124,27 @@ def explain(
     if len(faces) > 1:
         solve(nearby, edges, tuple(faces))
     return sorted(found, key=lambda explanation: explanation.price)
+
+
+def _held_by(basis: Basis, said: CornerPriors, planes: Sequence[int]) -> Evidence:
+    """The evidence, and what the frames said of corners that do not rest on the planes left out."""
+    free = ~np.isin(said.corner, resting_on(basis, planes))
+    priors, factor = basis.evidence.priors, EvidenceScale(*basis.scale).priors
+    # The factor on the sigmas of priors was found for those of the structure.
+    joined = CornerPriors(
+        np.concatenate([priors.corner, said.corner[free]]),
+        np.concatenate([priors.mean, said.mean[free]]),
+        np.concatenate([priors.whitening, factor * said.whitening[free]]),
+    )
+    return replace(basis.evidence, priors=joined)
+
+
+def resting_on(basis: Basis, planes: Sequence[int]) -> Int[np.ndarray, "resting"]:
+    """Corners on some planes that fewer than two other measured faces hold: where they were seen says as little as the planes do."""
+    measured = np.unique(basis.evidence.plane_points.face)
+    others = basis.incidences[np.isin(basis.incidences[:, 0], measured) & ~np.isin(basis.incidences[:, 0], planes)]
+    on = np.unique(basis.incidences[np.isin(basis.incidences[:, 0], planes), 1])
+    return on[[int((others[:, 1] == corner).sum()) < 2 for corner in on.tolist()]] if len(on) else on
 
 
 def _without_mark(evidence: Evidence) -> Evidence:
@@ -230,7 +255,7 @@ def rows_of_edges(lines: CornerLines, found: Sequence[EdgeLine], edges: Sequence
     out = np.zeros(len(lines.corner), dtype=bool)
     for line in found:
         if line.edge in edges:
-            same = np.abs(lines.direction - line.across).max(axis=1, initial=0.0) < 1e-9
+            same = np.abs(lines.direction - line.facing).max(axis=1, initial=0.0) < 1e-9
             out |= same & np.isin(lines.corner, line.edge)
     return out
 

@@ -10,7 +10,7 @@ from planewright.refine.rounds import Structure
 from planewright.sfm.cameras import Cameras
 from planewright.sketch.graph import PointId, Sketch
 from planewright.tracking.follow import CornerOptions
-from planewright.tracking.tracks import Tracks
+from planewright.tracking.tracks import State, Tracks
 from planewright.video.frames import Frames
 
 
@@ -22,6 +22,16 @@ class Mark:
     frame: int
     xy: tuple[float, float]
     """Pixels of the frame as displayed."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """A person looked at a point in a frame and saw nothing wrong there."""
+
+    point: PointId
+    frame: int
+    xy: tuple[float, float] | None
+    """Where the track had it then, as displayed; None where it was said to be hidden, or nothing was said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +58,8 @@ class Session:
     """None where the tracks come from the images alone."""
     marks: tuple[Mark, ...] = ()
     """The corrections made so far, in their order."""
+    looks: tuple[Look, ...] = ()
+    """Where a person looked and saw nothing wrong, in their order."""
 
     def row(self, point: PointId) -> int:
         """The sketch's row of a point. Raises UsageError."""
@@ -55,6 +67,13 @@ class Session:
             if candidate.id == point:
                 return i
         raise UsageError(f"The sketch has no point {point}. Its points are {', '.join(p.id for p in self.sketch.points[:20])}.")
+
+    def looked(self, point: PointId, frame: int) -> "Session":
+        """After a person looked at a point in a frame and saw nothing wrong: it is asked for later than before. Raises UsageError."""
+        here = np.flatnonzero((self.tracks.point_index == self.row(point)) & (self.tracks.frame == frame))
+        shown = len(here) > 0 and self.tracks.state[here[0]] != int(State.HIDDEN)
+        xy = (float(self.tracks.xy[here[0], 0]), float(self.tracks.xy[here[0], 1])) if shown else None
+        return replace(self, looks=(*self.looks, Look(point, frame, xy)))
 
     def straight(self, frame: int, xy: tuple[float, float]) -> Float[np.ndarray, "2"]:
         """A displayed position in the pixels of `frames`."""

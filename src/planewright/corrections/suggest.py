@@ -1,39 +1,51 @@
 """The next correction worth making: which corner, in which frame, and what it would gain.
 
-What a mark gains is told in corner-frames: frames in which the corner is seen and expected to come from more than 5 px off to within. That is the count
-by which a person judges a track; expected squared errors would be ruled by single corners that are lost altogether.
+What a mark gains is told in corner-frames: frames in which the corner is seen and expected to come from more than 5 px off, or from being called hidden, to
+within. That is the count by which a person judges a track; expected squared errors would be ruled by single corners that are lost altogether.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planewright.arrays import Bool, Float, Int
-from planewright.corrections.session import Model, Session
+from planewright.corrections.carry import CarryOptions, unhidden_frames
+from planewright.corrections.session import Look, Model, Session
 from planewright.sketch.graph import PointId, Sketch, SketchPoint
 from planewright.tracking.tracks import State, Tracks
 
 
 @dataclass(frozen=True, kw_only=True)
 class SuggestOptions:
-    """How far a corner may be off besides what its sigma says.
+    """How far a corner may be off besides what its sigma says: chances, chosen so that the list is in a good order; no chance is measured.
 
-    Sigmas know nothing of a face that was measured on what stands before it, or of a line beside an edge. The shares are those of corners with a lack
-    whose median error is above 5 px, on six rendered clips; of all the others one in two hundred is.
+    Sigmas know nothing of a face that was measured on what stands before it, of a line beside an edge, or of a corner that is seen though it is said to
+    be hidden.
     """
 
     unmeasured: float = 0.4
-    """No face of the corner was measured in more than its first view: 5 of 11."""
+    """No face of the corner was measured in more than its first view."""
     no_line: float = 0.3
-    """No edge of the corner was found in the images: 2 of 4."""
+    """No edge of the corner was found in the images."""
     one_face: float = 0.04
-    """One face alone holds the corner: 1 of 24."""
+    """One face alone holds the corner."""
     ambiguous: float = 0.08
     """A second line runs beside one of its edges."""
     otherwise: float = 0.005
     """None of these."""
     gross: float = 0.7
     """Share of frames in which such a corner is more than 5 px off."""
+    covered: float = 0.2
+    """Nothing in the model hides the corner in a frame, and it is called hidden because the picture there looks different: it is seen nevertheless."""
+    behind: float = 0.02
+    """The model hides the corner in a frame, and it is seen nevertheless."""
+    corrected: float = 0.2
+    """Share of the doubt that a mark leaves."""
+    looked: float = 0.1
+    """Share of the doubt that a look leaves in which nothing wrong was seen, as long as the track is where it was then."""
+    same: float = 2.0
+    """Pixels by which a track must move before such a look says nothing about it any more."""
     click_sigma: float = 1.0
     """Standard deviation of the person's marks an axis, pixels."""
     limit: float = 5.0
@@ -47,7 +59,7 @@ class Suggestion:
     point: PointId
     frame: int
     gain: float
-    """Frames in which the corner is seen and expected to come from more than 5 px off to within."""
+    """Frames in which the corner is seen and expected to come from more than 5 px off, or from being called hidden, to within."""
     reason: str
 
 
@@ -64,38 +76,44 @@ class _Hope:
 
 def suggest(session: Session, count: int = 5, options: SuggestOptions = SuggestOptions()) -> tuple[Suggestion, ...]:
     """The marks that gain most, best first, one a point; none for what cannot gain a thing."""
-    return rank_corrections(session.sketch, session.tracks, session.model, count, options)
+    return rank_corrections(session.sketch, session.tracks, session.model, count, options, session.looks)
 
 
-def rank_corrections(sketch: Sketch, tracks: Tracks, model: Model | None, count: int = 5, options: SuggestOptions = SuggestOptions()) -> tuple[Suggestion, ...]:
+def rank_corrections(
+    sketch: Sketch, tracks: Tracks, model: Model | None, count: int = 5, options: SuggestOptions = SuggestOptions(), looks: Sequence[Look] = ()
+) -> tuple[Suggestion, ...]:
     """The same from the parts of a session that it needs; no frame is looked at."""
-    hopes = [hope for i in range(len(sketch.points)) if (hope := _hope(sketch, tracks, model, i, options)) is not None]
-    corrected = {point.id for point in sketch.points if len(point.marks) > 1}
+    hopes = [hope for i in range(len(sketch.points)) if (hope := _hope(sketch, tracks, model, i, options, looks)) is not None]
+    settled = {point.id for point in sketch.points if len(point.marks) > 1} | {look.point for look in looks}
     ranked: list[Suggestion] = []
     for hope in hopes:
         others = 0.0
-        if hope.faces and hope.suggestion.point not in corrected:
+        if hope.faces and hope.suggestion.point not in settled:
             others = sum(other.doubt for other in hopes if other is not hope and other.faces & hope.faces)
         ranked.append(replace(hope.suggestion, gain=hope.suggestion.gain + others))
     return tuple(sorted(ranked, key=lambda suggestion: -suggestion.gain)[:count])
 
 
-def _hope(sketch: Sketch, tracks: Tracks, model: Model | None, point: int, options: SuggestOptions) -> _Hope | None:
+def _hope(sketch: Sketch, tracks: Tracks, model: Model | None, point: int, options: SuggestOptions, looks: Sequence[Look]) -> _Hope | None:
     drawn = sketch.points[point]
     mine = np.flatnonzero(tracks.point_index == point)
     seen = mine[np.isin(tracks.state[mine], (int(State.TRACKED), int(State.BRIDGED)))]
+    own = [look for look in looks if look.point == drawn.id]
     if model is not None and not model.structure.scene.point_known[point]:
-        return _Hope(_unplaced(sketch, model, point, options), 0.0, frozenset())
+        asked = _unplaced(sketch, model, point, options)
+        return _Hope(replace(asked, gain=options.looked ** len(own) * asked.gain), 0.0, frozenset())
+    hidden = _called_hidden(drawn, tracks, model, point, mine, own, options)
     seen = seen[np.isfinite(tracks.covariance[seen]).all(axis=(1, 2))]
     if len(seen) == 0:
-        return None
+        return None if hidden is None else _Hope(hidden, 0.0, frozenset())
     variance = np.linalg.eigvalsh(tracks.covariance[seen])[:, -1]
     off, marked_at = _off_its_marks(drawn, tracks, mine)
-    spread = variance + max(0.5 * off**2 - options.click_sigma**2, 0.0)
+    spread = variance + (0.5 * off**2 if off > 3.0 * options.click_sigma else 0.0)
     lost = np.exp(-0.5 * options.limit**2 / np.maximum(spread, 1e-6))
     share, lack, faces = (options.otherwise, "", frozenset[int]()) if model is None else _doubt(model, point, options)
-    # What a mark was obeyed in leaves little to gain by the next one.
-    left = 0.2 ** max(len(drawn.marks) - 1, 0)
+    right = [look.frame for look in own if _still(look, tracks, mine, options)]
+    # What a mark was obeyed in leaves little to gain by the next one, and so does what a person found right.
+    left = options.corrected ** max(len(drawn.marks) - 1, 0) * options.looked ** len(right)
     doubt = left * share * options.gross * len(seen)
     gain = left * float((1.0 - share) * lost.sum()) + doubt
     if off > 3.0 * options.click_sigma:
@@ -104,17 +122,60 @@ def _hope(sketch: Sketch, tracks: Tracks, model: Model | None, point: int, optio
         reason = lack
     else:
         reason = f"Its place is sure to {float(np.sqrt(np.median(spread))):.1f} px only."
-    frame = _frame(tracks.frame[seen], variance, np.array(sorted(drawn.marks), dtype=np.int64))
-    return _Hope(Suggestion(drawn.id, frame, gain, reason), doubt, faces)
+    frame = _frame(tracks.frame[seen], variance, np.array(sorted({*drawn.marks, *right}), dtype=np.int64))
+    asked = Suggestion(drawn.id, frame, gain, reason)
+    if hidden is not None:
+        better = hidden if hidden.gain > gain else asked
+        asked = replace(better, gain=gain + hidden.gain)
+    return _Hope(asked, doubt, faces)
+
+
+def _still(look: Look, tracks: Tracks, mine: Int[np.ndarray, "rows"], options: SuggestOptions) -> bool:
+    """Whether the track is where it was when somebody looked at it."""
+    here = mine[tracks.frame[mine] == look.frame]
+    return look.xy is not None and len(here) > 0 and float(np.linalg.norm(tracks.xy[here[0]] - np.array(look.xy))) <= options.same
+
+
+def _called_hidden(
+    drawn: SketchPoint, tracks: Tracks, model: Model | None, point: int, mine: Int[np.ndarray, "rows"], own: Sequence[Look], options: SuggestOptions
+) -> Suggestion | None:
+    """A frame in which the corner may be seen although it is called hidden: amid the longest run of those, its ends left out where the person said so."""
+    hidden = mine[tracks.state[mine] == int(State.HIDDEN)]
+    hidden = hidden[[not any(a <= int(f) <= b for a, b in drawn.hidden) for f in tracks.frame[hidden]]] if len(hidden) else hidden
+    if len(hidden) == 0:
+        return None
+    frames = tracks.frame[hidden]
+    free = np.ones(len(hidden), dtype=bool) if model is None else unhidden_frames(model.structure.scene, model.cameras, point, frames, CarryOptions())
+    chance = np.where(free, options.covered, options.behind)
+    # A run that was looked at and found hidden says much about itself, and something about the others.
+    run = np.concatenate([[0], np.cumsum((np.diff(frames) > 1) | (free[1:] != free[:-1]))])
+    looked = [look.frame for look in own if look.xy is None]
+    weight = options.corrected ** max(len(drawn.marks) - 1, 0) * chance * options.looked ** np.isin(run, run[np.isin(frames, looked)]) * 0.5 ** len(looked)
+    totals = np.bincount(run, weights=weight)
+    best = np.flatnonzero(run == int(np.argmax(totals)))
+    unsure = best if not looked else best[~np.isin(frames[best], looked)]
+    if len(unsure) == 0:
+        return None
+    why = "nothing in the model is before it" if free[best[0]] else "a face is before it in the model"
+    frame = int(frames[unsure[len(unsure) // 2]])
+    return Suggestion(
+        drawn.id,
+        frame,
+        float(totals.max()),
+        f"It is called hidden in {len(best)} frames in a row, though {why}."
+        if free[best[0]]
+        else f"It is called hidden in {len(best)} frames in a row, because {why}.",
+    )
 
 
 def _off_its_marks(drawn: SketchPoint, tracks: Tracks, rows: Int[np.ndarray, "rows"]) -> tuple[float, int]:
-    """How far the track is off the person's marks at most, and in which frame."""
-    worst, marks = (0.0, -1), drawn.marks
-    for k in rows[np.isin(tracks.frame[rows], list(marks))].tolist():
-        frame = int(tracks.frame[k])
-        worst = max(worst, (float(np.linalg.norm(tracks.xy[k] - np.array(marks[frame]))), frame))
-    return worst
+    """How far the track is off the person's marks (root mean square, pixels), and in which frame most: a click that a later mark overruled counts less."""
+    marks = drawn.marks
+    at = rows[np.isin(tracks.frame[rows], list(marks))]
+    if len(at) == 0:
+        return 0.0, -1
+    off = np.array([np.linalg.norm(tracks.xy[k] - np.array(marks[int(tracks.frame[k])])) for k in at])
+    return float(np.sqrt((off**2).mean())), int(tracks.frame[at[int(np.argmax(off))]])
 
 
 def _doubt(model: Model, point: int, options: SuggestOptions) -> tuple[float, str, frozenset[int]]:

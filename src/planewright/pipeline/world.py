@@ -126,6 +126,7 @@ def _moved_line(line: EdgeLine, turn: Mat3, scale: float) -> EdgeLine:
     return replace(
         line,
         across=turn @ line.across,
+        facing=turn @ line.facing,
         offset=(scale * offset[0], scale * offset[1]),
         sigma=(scale * sigma[0], scale * sigma[1]),
         pixel=scale * line.pixel,
