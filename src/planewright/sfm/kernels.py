@@ -12,7 +12,7 @@ SHARED = 4
 """Unknowns that all observations share: log focal, k1, k2, readout. Those of the cameras, six each, follow."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def rotation_of(w0, w1, w2):
     """exp of a rotation vector: (3, 3)."""
@@ -32,7 +32,7 @@ def rotation_of(w0, w1, w2):
     return r
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def robust_cost(intrinsics, rotation, translation, xyz, camera, point, xy, scale, residual):
     """Sum of Cauchy costs, in pixels squared: scale^2 / 2 log(1 + r^2 / scale^2); fills `residual` (obs, 2).
@@ -64,7 +64,7 @@ def robust_cost(intrinsics, rotation, translation, xyz, camera, point, xy, scale
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def observation_jacobian(intrinsics, rotation, translation, xyz, jc, jp):
     """Derivatives of one projection: jc (2, 10) for log focal, k1, k2, readout, omega, v; jp (2, 3) for the point. Returns u, v pixels and depth.
@@ -85,24 +85,24 @@ def observation_jacobian(intrinsics, rotation, translation, xyz, jc, jp):
     e = 2.0 * (k1 + 2.0 * r2 * k2)
     # d(pixel) / d(u, v), symmetric.
     a, b, c = f * (d + e * u * u), f * e * u * v, f * (d + e * v * v)
-    q = np.empty((2, 3))
-    q[0, 0], q[0, 1], q[0, 2] = a / z, b / z, -(a * u + b * v) / z
-    q[1, 0], q[1, 1], q[1, 2] = b / z, c / z, -(b * u + c * v) / z
+    # The derivative by x_cam, in scalars: an array here would be made anew for each of millions of calls.
+    q00, q01, q02 = a / z, b / z, -(a * u + b * v) / z
+    q10, q11, q12 = b / z, c / z, -(b * u + c * v) / z
     jc[0, 0], jc[1, 0] = f * d * u, f * d * v
     jc[0, 1], jc[1, 1] = f * r2 * u, f * r2 * v
     jc[0, 2], jc[1, 2] = f * r2 * r2 * u, f * r2 * r2 * v
-    for k in range(2):
-        # d(x_cam) = omega x x_cam + v, and x_cam holds the translation too.
-        jc[k, 4] = q[k, 2] * y - q[k, 1] * z
-        jc[k, 5] = q[k, 0] * z - q[k, 2] * x
-        jc[k, 6] = q[k, 1] * x - q[k, 0] * y
-        jc[k, 7], jc[k, 8], jc[k, 9] = q[k, 0], q[k, 1], q[k, 2]
-        for m in range(3):
-            jp[k, m] = q[k, 0] * rotation[0, m] + q[k, 1] * rotation[1, m] + q[k, 2] * rotation[2, m]
+    # d(x_cam) = omega x x_cam + v, and x_cam holds the translation too.
+    jc[0, 4], jc[0, 5], jc[0, 6] = q02 * y - q01 * z, q00 * z - q02 * x, q01 * x - q00 * y
+    jc[1, 4], jc[1, 5], jc[1, 6] = q12 * y - q11 * z, q10 * z - q12 * x, q11 * x - q10 * y
+    jc[0, 7], jc[0, 8], jc[0, 9] = q00, q01, q02
+    jc[1, 7], jc[1, 8], jc[1, 9] = q10, q11, q12
+    for m in range(3):
+        jp[0, m] = q00 * rotation[0, m] + q01 * rotation[1, m] + q02 * rotation[2, m]
+        jp[1, m] = q10 * rotation[0, m] + q11 * rotation[1, m] + q12 * rotation[2, m]
     return f * d * u + cx, f * d * v + cy, z
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, drift, scale, damping, system, gradient, cross, inverse, point_gradient):
     """Normal equations with the points eliminated (Triggs et al. 2000, section 6): system (n, n) and gradient (n,), n = SHARED + 6 cameras.
@@ -121,7 +121,7 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, dr
     for p in range(n_points):
         longest = max(longest, first[p + 1] - first[p])
     reduced = np.empty((longest, 10, 3))
-    v, shared = np.empty((3, 3)), np.empty((4, 3))
+    v, shared, turned = np.empty((3, 3)), np.empty((4, 3)), np.empty((3, 6 * longest))
     system[:] = 0.0
     gradient[:] = 0.0
     for p in range(n_points):
@@ -147,9 +147,12 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, dr
             for a in range(10):
                 row = a if a < 4 else base + a
                 gradient[row] += w * (jc[0, a] * rx + jc[1, a] * ry)
-                for b in range(a, 10):
-                    column = b if b < 4 else base + b
-                    system[row, column] += w * (jc[0, a] * jc[0, b] + jc[1, a] * jc[1, b])
+                line = system[row]
+                for b in range(a, 4):
+                    line[b] += w * (jc[0, a] * jc[0, b] + jc[1, a] * jc[1, b])
+                own = line[base + 4 : base + 10]
+                for b in range(max(a - 4, 0), 6):
+                    own[b] += w * (jc[0, a] * jc[0, b + 4] + jc[1, a] * jc[1, b + 4])
                 for b in range(3):
                     cross[i, a, b] = w * (jc[0, a] * jp[0, b] + jc[1, a] * jp[1, b])
         for a in range(3):
@@ -187,23 +190,39 @@ def reduced_system(intrinsics, rotation, translation, xyz, first, camera, xy, dr
                     shared[a, b] += reduced[i, a, b]
         for j in range(count):
             cj = 6 * camera[start + j]
+            mine = cross[start + j]
             for a in range(4):
-                for b in range(10):
-                    column = b if b < 4 else cj + b
-                    system[a, column] -= shared[a, 0] * cross[start + j, b, 0] + shared[a, 1] * cross[start + j, b, 1] + shared[a, 2] * cross[start + j, b, 2]
-            for i in range(j + 1):
-                ci = 6 * camera[start + i]
-                for a in range(4, 10):
-                    for b in range(4, 10):
-                        system[ci + a, cj + b] -= (
-                            reduced[i, a, 0] * cross[start + j, b, 0] + reduced[i, a, 1] * cross[start + j, b, 1] + reduced[i, a, 2] * cross[start + j, b, 2]
-                        )
+                h0, h1, h2 = shared[a, 0], shared[a, 1], shared[a, 2]
+                own = system[a, cj + 4 : cj + 10]
+                for b in range(4):
+                    system[a, b] -= h0 * mine[b, 0] + h1 * mine[b, 1] + h2 * mine[b, 2]
+                for b in range(6):
+                    own[b] -= h0 * mine[b + 4, 0] + h1 * mine[b + 4, 1] + h2 * mine[b + 4, 2]
+        # Cameras that follow on each other have columns that do: a row is one long sum then, which runs in the vector units. This is most of a camera solve.
+        for i in range(count):
+            for k in range(3):
+                for b in range(6):
+                    turned[k, 6 * i + b] = cross[start + i, b + 4, k]
+        for i in range(count):
+            j = i
+            while j < count:
+                stop = j + 1
+                while stop < count and camera[start + stop] == camera[start + stop - 1] + 1:
+                    stop += 1
+                x0, x1, x2 = turned[0, 6 * j : 6 * stop], turned[1, 6 * j : 6 * stop], turned[2, 6 * j : 6 * stop]
+                first_row, first_column = 6 * camera[start + i] + 4, 6 * camera[start + j] + 4
+                for a in range(6):
+                    r0, r1, r2 = reduced[i, a + 4, 0], reduced[i, a + 4, 1], reduced[i, a + 4, 2]
+                    row = system[first_row + a, first_column : first_column + 6 * (stop - j)]
+                    for b in range(6 * (stop - j)):
+                        row[b] -= r0 * x0[b] + r1 * x1[b] + r2 * x2[b]
+                j = stop
     for a in range(system.shape[0]):
         for b in range(a):
             system[a, b] = system[b, a]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def observation_pulls(intrinsics, rotation, translation, xyz, first, camera, xy, scale, direction, cross, inverse, pulls):
     """How much each observation pulls the unknowns along `direction` (n,) at the optimum, its point free to follow: fills `pulls` (obs,).
@@ -236,7 +255,7 @@ def observation_pulls(intrinsics, rotation, translation, xyz, first, camera, xy,
                 pulls[i] -= w * q[b] * (jp[0, b] * rx + jp[1, b] * ry)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def solve_spd(a, b, n):
     """Solve a x = b in place for a small symmetric positive definite a (n, n) by Cholesky; b (n,) becomes x. False where a is not positive."""
@@ -264,7 +283,7 @@ def solve_spd(a, b, n):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
     """Levenberg-Marquardt on one pose (3, 3), (3,), in place, over points xyz (n, 3) seen at xy (n, 2), Cauchy cost. Returns the cost."""
@@ -320,7 +339,7 @@ def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def triangulate_points(intrinsics, rotation, translation, first, camera, xy, rays, scale, iterations, xyz, covariance, quality):
     """Each point on its own: rays' nearest point, then Gauss-Newton on the Cauchy cost.
