@@ -26,7 +26,8 @@ class PlanarStart:
 def complete_start(start: PlanarStart, incidences: Int[np.ndarray, "incidences 2"], evidence: Evidence) -> PlanarStart:
     """The start with a finite value for every corner and plane; the known flags stay as they were.
 
-    Planes without a value are fitted to their points of evidence, else to their known corners, else left lying through the middle of the scene. Corners
+    Planes without a value are fitted to their points of evidence, else to their known corners; where those are too few they pass through them and
+    face the cameras, so that no known corner must move for a plane of which nothing is known. Corners
     without one go where their planes, lines and clicks meet in the least-squares sense.
     """
     points = np.where(start.point_known[:, None], start.points, 0.0)
@@ -51,7 +52,7 @@ def complete_start(start: PlanarStart, incidences: Int[np.ndarray, "incidences 2
             normal, offset = _towards_cameras(normal, offset, corners, evidence)
             normals[face], offsets[face], plane_ok[face] = normal, offset, True
         else:
-            normals[face], offsets[face] = np.array([0.0, 0.0, 1.0]), middle[2]
+            normals[face], offsets[face] = _facing(points[corners[finite[corners]]], corners, evidence, middle)
     scale = float(np.linalg.norm(np.ptp(np.concatenate([*seen, middle[None]]), axis=0))) or 1.0
     for corner in np.flatnonzero(~finite):
         mine = incidences[incidences[:, 1] == corner, 0]
@@ -76,6 +77,22 @@ def _towards_cameras(
         return normal, offset
     centers = -np.linalg.solve(cameras[:, :, :3], cameras[:, :, 3:])[:, :, 0]
     return (normal, offset) if np.median(centers @ normal - offset) >= 0.0 else (-normal, -offset)
+
+
+def _facing(
+    known: Float[np.ndarray, "n 3"], corners: Int[np.ndarray, "corners"], evidence: Evidence, middle: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "3"], float]:
+    """The plane through corners on a line (or one, or the middle of the scene) that faces the cameras in which its corners were marked."""
+    through = known.mean(axis=0) if len(known) else middle
+    cameras = evidence.marks.projection[np.isin(evidence.marks.corner, corners)]
+    centers = -np.linalg.solve(cameras[:, :, :3], cameras[:, :, 3:])[:, :, 0] if len(cameras) else through[None] + np.array([[0.0, 0.0, 1.0]])
+    normal = centers.mean(axis=0) - through
+    if len(known) >= 2:
+        line = np.linalg.svd(known - through)[2][0]
+        normal = normal - line * (line @ normal)
+    size = float(np.linalg.norm(normal))
+    normal = normal / size if size > 1e-12 else np.array([0.0, 0.0, 1.0])
+    return normal, float(normal @ through)
 
 
 def _meet(
