@@ -88,6 +88,13 @@ def test_faces_need_three_corners_off_a_line() -> None:
     assert codes(sketch_of(thin, {"f": "abcd"})) == {Code.FACE_THIN: "warning"}
 
 
+def test_a_face_seen_edge_on_may_come_from_the_faces_beside_it() -> None:
+    """A cube's side whose four corners are on a line in the only frame they are marked in; three of them belong to the top and the front."""
+    line = {name: {5: (100.0 + 40 * k, 50.0 + 30 * k)} for k, name in enumerate("abcd")}
+    beside = {"e": {5: (300.0, 50.0)}, "g": {5: (300.0, 90.0)}}
+    assert codes(sketch_of({**line, **beside}, {"side": "abcd", "top": "abeg", "front": "cbeg"}))[Code.FACE_ON_A_LINE] == "warning"
+
+
 def test_a_line_in_one_frame_is_no_trouble_when_another_shows_the_face() -> None:
     marks = {name: {5: (100.0 + 40 * k, 50.0 + 30 * k), 9: SQUARE[name][5]} for k, name in enumerate("abcd")}
     assert codes(sketch_of(marks, {"f": "abcd"})) == {}

@@ -77,7 +77,7 @@ def check_sketch(sketch: Sketch, *, image_size: tuple[int, int] | None = None, n
         *_check_marks(sketch, image_size or sketch.image_size, num_frames),
         *_check_points(sketch),
         *_check_edges(sketch, marks),
-        *(finding for face in sketch.faces for finding in _check_face(face, marks)),
+        *(finding for face in sketch.faces for finding in _check_face(face, marks, _elsewhere(sketch, face))),
         *_check_face_pairs(sketch),
         *_check_statements(sketch),
     ]
@@ -152,7 +152,13 @@ def _check_edges(sketch: Sketch, marks: Mapping[PointId, Mapping[int, tuple[floa
             yield Finding("warning", FindingCode.EDGE_WITHOUT_LENGTH, sentence, f"edges[{shown(a)}, {shown(b)}]")
 
 
-def _check_face(face: SketchFace, marks: Mapping[PointId, Mapping[int, tuple[float, float]]]) -> Iterator[Finding]:
+def _elsewhere(sketch: Sketch, face: SketchFace) -> int:
+    """How many corners of a face's loop are corners of other faces too."""
+    others = {corner for other in sketch.faces if other is not face for corner in other.corners}
+    return len(set(face.loop) & others)
+
+
+def _check_face(face: SketchFace, marks: Mapping[PointId, Mapping[int, tuple[float, float]]], elsewhere: int) -> Iterator[Finding]:
     where, name, it = f"faces[{shown(face.id)}]", f"Face {shown(face.id)}", f"face {shown(face.id)}"
     marked = [corner for corner in face.loop if marks[corner]]
     if len(marked) < 3:
@@ -168,6 +174,10 @@ def _check_face(face: SketchFace, marks: Mapping[PointId, Mapping[int, tuple[flo
         yield Finding("warning", FindingCode.FACE_SPREAD, sentence, where)
         return
     if len(seen[best]) == len(face.loop) and max(thickness.values()) < _ON_A_LINE:
+        if elsewhere >= 3:
+            sentence = f"The corners of {it} lie on a line in frame {best}: its plane must come from the faces beside it. Mark it in a frame that shows it."
+            yield Finding("warning", FindingCode.FACE_ON_A_LINE, sentence, where)
+            return
         sentence = f"The corners of {it} lie on a line in frame {best}; a line fixes no plane. Add a corner off the line, or delete the face."
         yield Finding("error", FindingCode.FACE_ON_A_LINE, sentence, where)
         return
