@@ -81,7 +81,8 @@ def follow_look(values, ceiling, near, look, variance, beyond, missing, turned, 
     agree, and what it scatters by. beyond (K, S): what comes in from beyond the border, missing (K, 3): what a frame that shows the patch
     at another size lacks of its texture, both standard deviations. turned (K,):
     degrees by which the patch is seen from elsewhere than in the frame before. start: the frame from which the look is followed, both ways.
-    renewal, drift: a frame that shows the patch draws the look to itself by this share, but by no more than drift for each degree. A frame
+    renewal, drift: a frame that clearly shows the patch (odds of e to e^3) draws the look to itself by up to this share, and by no more
+    than drift for each degree: one that only might show it would lead the look on to what stands before. A frame
     is compared with where the look has come to, and with `look` itself, and the better of the two counts.
     Fills odds (K,): 0 where fewer than 4 samples are seen.
     """
@@ -118,7 +119,7 @@ def follow_look(values, ceiling, near, look, variance, beyond, missing, turned, 
                 found = min(max(found, -most), most)
                 if way == 1 or k != start:
                     odds[k] = found
-                share = renewal / (1.0 + exp(-2.0 * found))
+                share = renewal * min(max(0.5 * (found - 1.0), 0.0), 1.0)
                 limit = drift * min(far, 1.0)
                 for s in range(samples):
                     if seen[s]:
