@@ -101,7 +101,9 @@ def _stage(shed, clicks: Shift, plane: Mapping[str, float], wanted: tuple[tuple[
     structure = Structure(
         scene, relations, (), (), Basis(evidence, incidences, constraints, tuple(solved.scale)), lines, Anchor(solved.points, solved.point_covariance)
     )
-    session = Session(shed.frames, sketch, _tracks(shed, scene, rng), Model(cameras, structure))
+    # Where faces and edges disagree about a corner, a run's sigmas say so.
+    vague = [row[c] for face in sketch.faces if face.id in plane for c in face.corners]
+    session = Session(shed.frames, sketch, _tracks(shed, scene, rng, vague), Model(cameras, structure))
     return Staged(session, shed.pixels(truth.points))
 
 
@@ -111,7 +113,7 @@ def _across(truth: PlanarScene, face: int, a: int, b: int) -> np.ndarray:
     return across / np.linalg.norm(across)
 
 
-def _tracks(shed, scene: PlanarScene, rng: np.random.Generator) -> Tracks:
+def _tracks(shed, scene: PlanarScene, rng: np.random.Generator, vague: list[int]) -> Tracks:
     """The model's projection with a little noise, in the frames in which a corner can be seen or is hidden inside the image."""
     seen_at = shed.pixels(scene.points)
     _, visible, inside = true_tracks(shed.clip)
@@ -122,5 +124,5 @@ def _tracks(shed, scene: PlanarScene, rng: np.random.Generator) -> Tracks:
             state = State.MARKED if frame in point.marks else State.TRACKED if visible[ids.index(point.id), frame] else State.HIDDEN
             rows.append((i, frame, *(seen_at[frame, i] + rng.normal(0.0, 0.15, 2)), int(state)))
     table = np.array(rows)
-    covariance = np.tile(np.eye(2) * 0.45**2, (len(rows), 1, 1))
+    covariance = np.where(np.isin(table[:, 0], vague), 1.2, 0.45)[:, None, None] ** 2 * np.eye(2)
     return Tracks(table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2:4], covariance, table[:, 4].astype(int))

@@ -104,11 +104,14 @@ def _rows(
 
 
 def _with_mark(session: Session, corner: int, mark: Mark, parts: list[Tracks], options: BridgeOptions) -> Tracks:
-    """The parts without the marked frames at their ends, and the mark; what was hidden stays hidden."""
+    """The parts without the marked frames at their ends, and the mark; what was hidden stays hidden, unless the mark lies amid it."""
     marks = session.sketch.points[corner].marks
     before = session.tracks
     mine = before.point_index == corner
     hidden = before.frame[mine & (before.state == int(State.HIDDEN))]
+    if mark.frame in hidden:
+        run = np.concatenate([[0], np.cumsum(np.diff(hidden) > 1)])
+        hidden = hidden[run != run[np.searchsorted(hidden, mark.frame)]]
     inner: list[Tracks] = []
     for part in parts:
         kept = taken(part, ~np.isin(part.frame, list(marks)))

@@ -315,6 +315,12 @@ def sure(tracks: Tracks, point: int, frame: int) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(tracks.covariance[here[0]])[-1])) if len(here) else float("inf")
 
 
+def typical_sigma(tracks: Tracks, point: int) -> float:
+    """The median over the tracked frames of the larger standard deviation, pixels; infinite where there are none."""
+    mine = (tracks.point_index == point) & (tracks.state == int(State.TRACKED)) & np.isfinite(tracks.covariance).all(axis=(1, 2))
+    return float(np.sqrt(np.median(np.linalg.eigvalsh(tracks.covariance[mine])[:, -1]))) if mine.any() else float("inf")
+
+
 def with_a_mark(known: Placed, mark: CornerMarks) -> Placed:
     """A corner after one more observation of it (the extended Kalman filter's update)."""
     projection, sigma = mark.projection[0], float(mark.sigma[0])

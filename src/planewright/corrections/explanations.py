@@ -25,14 +25,19 @@ from planewright.tracking.edges import EdgeLine
 
 @dataclass(frozen=True, kw_only=True)
 class ExplainOptions:
-    """What it costs to call evidence wrong, as twice the logarithm of the odds against it: 2 ln(1 / share of such evidence that is wrong)."""
+    """What it costs to call evidence wrong, in the units of twice a negative log-likelihood. The prices are chosen, not measured: an edge is given up
+    sooner than a click or a face, and neither for a mark that is within three standard deviations."""
 
     price_of_edge: float = 5.0
-    """An edge that was found on another line: about one in twelve of those at corners that need a correction."""
+    """An edge that was found on another line."""
     price_of_click: float = 8.0
-    """A click far off its corner: one in fifty."""
+    """A click far off its corner."""
     price_of_plane: float = 8.0
-    """A face that was measured on what stands in front of it: one in fifty."""
+    """A face that was measured on what stands in front of it."""
+    price_of_track: float = 4.0
+    """The track of another corner on such a face, at most: it followed the lines of the wrong face."""
+    overturned: float = 5.0
+    """An explanation that moves another corner by more than this (standard deviations of what the frames said) from a track that is sure is none."""
     structure: StructureOptions = field(default_factory=lambda: StructureOptions(step_tolerance=1e-5, max_iterations=25))
     """The adjustment. A step of 1e-5 of the scene's diagonal is a hundredth of a pixel."""
 
@@ -81,6 +86,8 @@ def explain(
     options: ExplainOptions = ExplainOptions(),
     *,
     said: CornerPriors | None = None,
+    accused: bool = True,
+    sure: frozenset[int] = frozenset(),
 ) -> list[Explanation]:
     """All explanations of a mark, the cheapest first.
 
@@ -88,6 +95,9 @@ def explain(
         mark: one firm term of `corner`; it is part of the evidence of every explanation, and of its `basis`.
         said: what the frames say of corners besides the evidence: it holds them where they are, against explanations that would move them. It is no
             part of any `basis`. What rests on a face that an explanation calls wrong is not held.
+        accused: whether anything may be called wrong. A mark that its corner's track agrees with gives no reason to: where other evidence contradicts
+            itself, an explanation that leaves some of it out would be cheap whatever the mark says.
+        sure: corners whose tracks are so sure that they hold whatever they lie on.
     """
     start = start_from(scene)
     nearby = reach(scene, basis, relations, corner)
@@ -105,15 +115,18 @@ def explain(
     def solve(held: Held, left: tuple[tuple[int, int], ...], planes: tuple[int, ...] = (), click: bool = False) -> None:
         stands = _without(given, drawn_on, lines, left, planes, corner if click else None)
         begin = _shifted(start, stands, corner, planes) if planes else start
-        evidence = stands.evidence if said is None else _held_by(stands, said, planes)
+        evidence = stands.evidence if said is None else _held_by(stands, said, resting_on(stands, lines, planes, sure))
         solution = solve_structure(begin, stands.incidences, evidence, stands.constraints, options.structure, scale=EvidenceScale(*stands.scale), held=held)
-        if solution.feasible:
+        if solution.feasible and not (said is not None and _overturns(said, solution, sure, options)):
             # What is left out fitted before, and would fit whatever it was measured on: it saves nothing to leave it out.
             fitted = whole - _price_now(start, replace(stands, evidence=_without_mark(stands.evidence)), options)
             price = 2.0 * solution.cost + fitted + options.price_of_edge * len(left) + options.price_of_plane * len(planes) + options.price_of_click * click
+            price += 0.0 if said is None else _unseated(said, solution, resting_on(stands, lines, planes, sure), options)
             found.append(Explanation(solution, stands, held, price, held is alone, left, planes, click, _off(solution, mark, corner)))
 
     solve(nearby, ())
+    if not accused:
+        return found
     if edges:
         solve(nearby, edges)
     solve(alone, edges)
@@ -126,9 +139,9 @@ def explain(
     return sorted(found, key=lambda explanation: explanation.price)
 
 
-def _held_by(basis: Basis, said: CornerPriors, planes: Sequence[int]) -> Evidence:
+def _held_by(basis: Basis, said: CornerPriors, resting: Int[np.ndarray, "resting"]) -> Evidence:
     """The evidence, and what the frames said of corners that do not rest on the planes left out."""
-    free = ~np.isin(said.corner, resting_on(basis, planes))
+    free = ~np.isin(said.corner, resting)
     priors, factor = basis.evidence.priors, EvidenceScale(*basis.scale).priors
     # The factor on the sigmas of priors was found for those of the structure.
     joined = CornerPriors(
@@ -139,12 +152,34 @@ def _held_by(basis: Basis, said: CornerPriors, planes: Sequence[int]) -> Evidenc
     return replace(basis.evidence, priors=joined)
 
 
-def resting_on(basis: Basis, planes: Sequence[int]) -> Int[np.ndarray, "resting"]:
-    """Corners on some planes that fewer than two other measured faces hold: where they were seen says as little as the planes do."""
+def _overturns(said: CornerPriors, solution: StructureSolution, sure: frozenset[int], options: ExplainOptions) -> bool:
+    """Whether a solution takes a corner from where the frames are sure of it."""
+    mine = np.isin(said.corner, sorted(sure))
+    away = np.einsum("tij,tj->ti", said.whitening[mine], solution.points[said.corner[mine]] - said.mean[mine])
+    return bool(((away**2).sum(axis=1) > options.overturned**2).any())
+
+
+def _unseated(said: CornerPriors, solution: StructureSolution, resting: Int[np.ndarray, "resting"], options: ExplainOptions) -> float:
+    """What it costs that tracks of corners on a wrong face are given up with it."""
+    mine = np.isin(said.corner, resting)
+    away = np.einsum("tij,tj->ti", said.whitening[mine], solution.points[said.corner[mine]] - said.mean[mine])
+    return float(np.minimum((away**2).sum(axis=1), options.price_of_track).sum())
+
+
+def resting_on(basis: Basis, lines: Sequence[EdgeLine], planes: Sequence[int], sure: frozenset[int] = frozenset()) -> Int[np.ndarray, "resting"]:
+    """Corners on some planes that little else holds, neither two other measured faces nor one in which an edge of theirs was found, nor a track that is
+    sure by itself: where they were seen says as little as the planes do.
+    """
     measured = np.unique(basis.evidence.plane_points.face)
     others = basis.incidences[np.isin(basis.incidences[:, 0], measured) & ~np.isin(basis.incidences[:, 0], planes)]
     on = np.unique(basis.incidences[np.isin(basis.incidences[:, 0], planes), 1])
-    return on[[int((others[:, 1] == corner).sum()) < 2 for corner in on.tolist()]] if len(on) else on
+    found = {(line.face, end) for line in lines for end in line.edge}
+    held = [
+        corner in sure or len(own) > 1 or any((int(face), corner) in found for face in own)
+        for corner in on.tolist()
+        for own in [others[others[:, 1] == corner, 0]]
+    ]
+    return on[~np.array(held, dtype=bool)]
 
 
 def _without_mark(evidence: Evidence) -> Evidence:
@@ -166,7 +201,7 @@ def _shifted(start: PlanarStart, basis: Basis, corner: int, planes: Sequence[int
     From the old planes the solver finds its way back to them: a mark of the old kind that is 60 px off hardly pulls any more (Cauchy).
     """
     marks, points, offsets = basis.evidence.marks, start.points.copy(), start.offsets.copy()
-    met = _meeting(marks, np.flatnonzero(marks.corner == corner))
+    met = meeting(marks, np.flatnonzero(marks.corner == corner))
     if met is None:
         return start
     points[corner] = met
@@ -177,7 +212,7 @@ def _shifted(start: PlanarStart, basis: Basis, corner: int, planes: Sequence[int
             mine = np.flatnonzero(marks.corner == other)
             if other != corner and len(mine):
                 projection = marks.projection[mine[0]]
-                center, ray = _ray(projection, marks.xy[mine[0]])
+                center, ray = ray_of(projection, marks.xy[mine[0]])
                 along = float(normal @ ray)
                 reach_of_ray = (offsets[face] - float(normal @ center)) / along if abs(along) > 1e-9 else -1.0
                 if reach_of_ray > 0:
@@ -185,7 +220,7 @@ def _shifted(start: PlanarStart, basis: Basis, corner: int, planes: Sequence[int
     return replace(start, points=points, offsets=offsets)
 
 
-def _ray(projection: Float[np.ndarray, "3 4"], xy: Float[np.ndarray, "2"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+def ray_of(projection: Float[np.ndarray, "3 4"], xy: Float[np.ndarray, "2"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Centre of a camera and the direction of a pixel, forwards."""
     inverse = np.linalg.inv(projection[:, :3])
     ray = inverse @ np.append(xy, 1.0)
@@ -193,13 +228,13 @@ def _ray(projection: Float[np.ndarray, "3 4"], xy: Float[np.ndarray, "2"]) -> tu
     return -inverse @ projection[:, 3], ray
 
 
-def _meeting(marks: CornerMarks, rows: Int[np.ndarray, "rows"]) -> Float[np.ndarray, "3"] | None:
+def meeting(marks: CornerMarks, rows: Int[np.ndarray, "rows"]) -> Float[np.ndarray, "3"] | None:
     """Where the rays of two or more marks meet, in pixels' least squares; None where they are nearly parallel or meet behind a camera."""
     if len(rows) < 2:
         return None
     depth = np.ones(len(rows))
     point = np.zeros(3)
-    rays = np.array([_ray(marks.projection[row], marks.xy[row])[1] for row in rows])
+    rays = np.array([ray_of(marks.projection[row], marks.xy[row])[1] for row in rows])
     if float((rays @ rays.T).min()) > np.cos(np.radians(1.0)):
         return None
     for _ in range(3):

@@ -6,8 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planewright.arrays import Bool, Float, Int
+from planewright.corrections.explanations import meeting, ray_of
 from planewright.corrections.said import show
+from planewright.geometry.plane import tangent_basis
 from planewright.geometry.raster import face_buffer
+from planewright.planes.evidence import CornerMarks
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.polygons import polygons_of
 from planewright.sfm.cameras import Cameras
@@ -143,3 +146,51 @@ def offsets_in_plane(
             if length > 0:
                 out[k] = basis @ (center + length * ray - place)
     return out
+
+
+def place_by_marks(
+    marks: CornerMarks, place: Float[np.ndarray, "3"], normals: Float[np.ndarray, "faces 3"], limit: float = 1.5
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]] | None:
+    """Where two or more marks of one corner have it, if that is one place: off by the same along one of its faces, or where their rays meet.
+
+    The constant offset is that of `constant_offset`; the rays meet where every mark is within `limit` standard deviations of its ray. None where the marks
+    do not agree on a place.
+
+    Args:
+        place: the corner as the model has it.
+        normals: of its faces; the first along which the marks agree is taken.
+
+    Returns:
+        The place, and its covariance by the marks alone, along a face where they agree there.
+    """
+    if len(marks.corner) < 2:
+        return None
+    rays = [ray_of(p, xy) for p, xy in zip(marks.projection, marks.xy, strict=True)]
+    for normal in normals:
+        basis = tangent_basis(normal[None])[0]
+        offsets = offsets_in_plane(rays, place, basis)
+        if not np.isfinite(offsets).all():
+            continue
+        slopes = np.stack([_slope(p, place + o @ basis) @ basis.T for p, o in zip(marks.projection, offsets, strict=True)])
+        if (np.abs(np.linalg.det(slopes)) < 1e-9).any():
+            continue
+        information = slopes.transpose(0, 2, 1) @ slopes / marks.sigma[:, None, None] ** 2
+        if constant_offset(offsets, np.linalg.inv(information), limit):
+            total = information.sum(axis=0)
+            mean = np.linalg.solve(total, np.einsum("mij,mj->i", information, offsets))
+            return place + mean @ basis, basis.T @ np.linalg.inv(total) @ basis
+    met = meeting(marks, np.arange(len(marks.corner)))
+    if met is None:
+        return None
+    seen = np.einsum("mij,j->mi", marks.projection, np.append(met, 1.0))
+    off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - marks.xy, axis=1)
+    if (off > limit * marks.sigma).any():
+        return None
+    slopes = np.stack([_slope(p, met) for p in marks.projection])
+    return met, np.linalg.inv(np.einsum("mia,mib->ab", slopes, slopes / marks.sigma[:, None, None] ** 2))
+
+
+def _slope(projection: Float[np.ndarray, "3 4"], point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2 3"]:
+    """Pixels per world unit."""
+    seen = projection @ np.append(point, 1.0)
+    return (projection[:2, :3] - (seen[:2] / seen[2])[:, None] * projection[2:, :3]) / seen[2]

@@ -6,6 +6,7 @@ import numpy as np
 
 from planewright.arrays import Float
 from planewright.geometry.plane import tangent_basis
+from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.structured_bundle import StructureSolution
 from planewright.sketch.graph import Edge, FaceId, Sketch, SketchFace
 
@@ -22,7 +23,7 @@ class Adjacency:
     """Standard deviation; zero where a relation fixes the angle."""
 
 
-def adjacent_faces(sketch: Sketch, solution: StructureSolution) -> tuple[Adjacency, ...]:
+def adjacent_faces(sketch: Sketch, solution: StructureSolution | PlanarScene) -> tuple[Adjacency, ...]:
     """Pairs of known faces that share a drawn edge, in the order of the drawing; each pair once an edge."""
     point_row = {point.id: i for i, point in enumerate(sketch.points)}
     sides: dict[frozenset[str], list[tuple[int, Edge]]] = {}
@@ -53,7 +54,7 @@ def _edges(face: SketchFace) -> list[Edge]:
     return out
 
 
-def _dihedral(solution: StructureSolution, a: int, b: int, along: Float[np.ndarray, "3"]) -> tuple[float, float]:
+def _dihedral(solution: StructureSolution | PlanarScene, a: int, b: int, along: Float[np.ndarray, "3"]) -> tuple[float, float]:
     """Angle and its standard deviation, degrees: normals turn about the edge only, so one number each of their covariance counts."""
     first, second = solution.normals[a], solution.normals[b]
     cross = np.cross(first, second)
@@ -65,5 +66,5 @@ def _dihedral(solution: StructureSolution, a: int, b: int, along: Float[np.ndarr
     slope[0:2] = -tangent_basis(first[None])[0] @ np.cross(axis, first)
     slope[3:5] = tangent_basis(second[None])[0] @ np.cross(axis, second)
     columns = np.concatenate([3 * a + np.arange(3), 3 * b + np.arange(3)])
-    variance = float(slope @ solution.covariance[np.ix_(columns, columns)] @ slope)
+    variance = float(slope @ solution.plane_covariance[np.ix_(columns, columns)] @ slope)
     return 180.0 - float(np.degrees(angle)), float(np.degrees(np.sqrt(max(variance, 0.0))))
