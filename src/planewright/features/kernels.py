@@ -9,7 +9,12 @@ from numba import njit
 # `no_type_check` keeps the shape checker of the tests from wrapping a kernel before Numba sees it.
 
 
-@njit(cache=True, nogil=True)
+SUMS = {"reassoc", "contract", "nsz"}
+"""Freedom to add in any order, so that sums over a patch run in the vector units. The order is settled when the kernel is compiled: a machine gives the
+same bits every time, whatever the number of threads."""
+
+
+@njit(cache=True, nogil=True, fastmath=SUMS)
 @no_type_check
 def align_patches(image, templates, steepest, inverse_hessians, offsets, weights, stiffness, affine, centre, zncc, start, stop, max_iterations):
     """Register patches `start` to `stop` to `image`, in place: inverse-compositional Gauss-Newton on 6 affine, 1 gain and 1 bias parameter.
@@ -29,7 +34,11 @@ def align_patches(image, templates, steepest, inverse_hessians, offsets, weights
     height, width = image.shape
     pixels = offsets.shape[0]
     values = np.empty(pixels)
-    b = np.empty(8)
+    us, vs = offsets[:, 0].copy(), offsets[:, 1].copy()
+    reach_u, reach_v = np.abs(us).max(), np.abs(vs).max()
+    total = weights.sum()
+    b, d = np.empty(8), np.empty(6)
+    one = np.uintp(1)
     for i in range(start, stop):
         a00, a01, a10, a11 = affine[i, 0, 0], affine[i, 0, 1], affine[i, 1, 0], affine[i, 1, 1]
         cx, cy = centre[i, 0], centre[i, 1]
@@ -42,32 +51,36 @@ def align_patches(image, templates, steepest, inverse_hessians, offsets, weights
         gain, bias = 1.0, 0.0
         inside = True
         done = False
+        template, along, down = templates[i], steepest[i, 0], steepest[i, 1]
+        st, stt = 0.0, 0.0
+        for k in range(pixels):
+            st += weights[k] * template[k]
+            stt += weights[k] * template[k] * template[k]
+        mean_t = st / total
+        var_t = stt / total - mean_t * mean_t
         for iteration in range(max_iterations + 1):
-            sw, sv, svv, st, stt, stv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(pixels):
-                u, v = offsets[k, 0], offsets[k, 1]
-                x = a00 * u + a01 * v + cx
-                y = a10 * u + a11 * v + cy
-                if not (x >= 0.0 and y >= 0.0 and x < width - 1 and y < height - 1):
-                    inside = False
-                    break
-                x0, y0 = int(x), int(y)
-                fx, fy = x - x0, y - y0
-                top = image[y0, x0] * (1.0 - fx) + image[y0, x0 + 1] * fx
-                bottom = image[y0 + 1, x0] * (1.0 - fx) + image[y0 + 1, x0 + 1] * fx
-                value = top * (1.0 - fy) + bottom * fy
-                values[k] = value
-                w, t = weights[k], templates[i, k]
-                sw += w
-                sv += w * value
-                svv += w * value * value
-                st += w * t
-                stt += w * t * t
-                stv += w * t * value
-            if not inside:
+            # The patch is a rectangle: all of it is inside where its corners are.
+            half_x, half_y = abs(a00) * reach_u + abs(a01) * reach_v, abs(a10) * reach_u + abs(a11) * reach_v
+            if not (cx - half_x >= 0.0 and cy - half_y >= 0.0 and cx + half_x < width - 1.001 and cy + half_y < height - 1.001):
+                inside = False
                 break
-            mean_v, mean_t = sv / sw, st / sw
-            var_v, var_t, cov = svv / sw - mean_v * mean_v, stt / sw - mean_t * mean_t, stv / sw - mean_v * mean_t
+            for k in range(pixels):
+                x = a00 * us[k] + a01 * vs[k] + cx
+                y = a10 * us[k] + a11 * vs[k] + cy
+                # Unsigned indices spare the check for negative ones.
+                x0, y0 = np.uintp(x), np.uintp(y)
+                fx, fy = x - x0, y - y0
+                top = image[y0, x0] * (1.0 - fx) + image[y0, x0 + one] * fx
+                bottom = image[y0 + one, x0] * (1.0 - fx) + image[y0 + one, x0 + one] * fx
+                values[k] = top * (1.0 - fy) + bottom * fy
+            sv, svv, stv = 0.0, 0.0, 0.0
+            for k in range(pixels):
+                wv = weights[k] * values[k]
+                sv += wv
+                svv += wv * values[k]
+                stv += wv * template[k]
+            mean_v = sv / total
+            var_v, cov = svv / total - mean_v * mean_v, stv / total - mean_v * mean_t
             if var_v <= 1e-6 or var_t <= 1e-6:
                 inside = False
                 break
@@ -80,26 +93,24 @@ def align_patches(image, templates, steepest, inverse_hessians, offsets, weights
                 inside = False
                 break
             bias = mean_v - gain * mean_t
-            for m in range(8):
-                b[m] = 0.0
+            b0 = b1 = b2 = b3 = b4 = b5 = b6 = b7 = 0.0
             for k in range(pixels):
-                u, v = offsets[k, 0], offsets[k, 1]
-                e = weights[k] * (values[k] - gain * templates[i, k] - bias)
-                ex, ey = e * steepest[i, 0, k], e * steepest[i, 1, k]
-                b[0] += ex * u
-                b[1] += ex * v
-                b[2] += ey * u
-                b[3] += ey * v
-                b[4] += ex
-                b[5] += ey
-                b[6] += e * templates[i, k]
-                b[7] += e
+                e = weights[k] * (values[k] - gain * template[k] - bias)
+                ex, ey = e * along[k], e * down[k]
+                b0 += ex * us[k]
+                b1 += ex * vs[k]
+                b2 += ey * us[k]
+                b3 += ey * vs[k]
+                b4 += ex
+                b5 += ey
+                b6 += e * template[k]
+                b7 += e
+            b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7] = b0, b1, b2, b3, b4, b5, b6, b7
             pull = stiffness * gain
             b[0] += pull * (s00 * a00 + s01 * a10 - 1.0)
             b[1] += pull * (s00 * a01 + s01 * a11)
             b[2] += pull * (s10 * a00 + s11 * a10)
             b[3] += pull * (s10 * a01 + s11 * a11 - 1.0)
-            d = np.zeros(6)
             for m in range(6):
                 s = 0.0
                 for n in range(8):
