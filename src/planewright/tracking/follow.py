@@ -38,6 +38,8 @@ class CornerOptions:
     """Where faces are looked at near their corners."""
     appearance: AppearanceOptions = field(default_factory=AppearanceOptions)
     """How it is told that something unsketched covers a corner."""
+    first_look: int = 100
+    """Frames, besides those with marks, in which lines are looked for at first, to see where corners are over the whole clip."""
     common_sigma: float = 0.05
     """Error that all corners have in common, pixels: what is always in the sigmas besides the model, its edges and the frame."""
     occluder_tolerance: float = 0.004
@@ -71,12 +73,14 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
     # The first look says where the corners are over the whole clip; the second one, there, what each frame shows.
     marks = _mark_offsets(scene, cameras, rows, predicted)
     shift, _ = refit_corners(None, marks, jacobian, scene.point_covariance, options.fusion)
-    view = view_edges(scene, scene.points + shift, cameras, rows, tolerance, options.lines)
-    looked = steps(frames.gray(wanted), "Looking for edges", progress, total=len(wanted))
-    lines = frame_lines(view, (measure_frame(image, view, k, buffer(k), options.lines) for k, (_, image) in enumerate(looked)))
-    base, _, _ = _project(scene.points + shift, cameras, rows)
-    lines = replace(lines, offset=_beside(lines, predicted - base))
-    shift, point_covariance = refit_corners(lines, marks, jacobian, scene.point_covariance, options.fusion)
+    some = np.unique(np.concatenate([np.linspace(0, len(rows) - 1, min(len(rows), options.first_look)).round().astype(np.int64), np.unique(marks.row)]))
+    view = view_edges(scene, scene.points + shift, cameras, rows[some], tolerance, options.lines)
+    looked = steps(frames.gray([wanted[k] for k in some]), "Looking for edges", progress, total=len(some))
+    lines = frame_lines(view, (measure_frame(image, view, k, buffer(int(some[k])), options.lines) for k, (_, image) in enumerate(looked)))
+    base, _, _ = _project(scene.points + shift, cameras, rows[some])
+    lines = replace(lines, offset=_beside(lines, predicted[some] - base))
+    at_some = replace(marks, row=np.searchsorted(some, marks.row))
+    shift, point_covariance = refit_corners(lines, at_some, jacobian[some], scene.point_covariance, options.fusion)
 
     beside = scene.points + shift
     view = view_edges(scene, beside, cameras, rows, tolerance, options.lines)
