@@ -229,14 +229,23 @@ class _Follower:
     def _predict(self, old: GrayImage, new: GrayImage) -> tuple[Bool[np.ndarray, "alive"], Float[np.ndarray, "kept 2"]]:
         """Which features pyramidal Lucas-Kanade carries over and back, and where to."""
         o = self._options
-        start = self._centre.astype(np.float32)[:, None]
         window = (2 * o.half_window + 1,) * 2
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.03)
-        there, ok, _ = cv2.calcOpticalFlowPyrLK(old, new, start, np.empty_like(start), winSize=window, maxLevel=o.pyramid_levels, criteria=criteria)
-        back, ok_back, _ = cv2.calcOpticalFlowPyrLK(new, old, there, np.empty_like(start), winSize=window, maxLevel=o.pyramid_levels, criteria=criteria)
-        error = np.linalg.norm(back - start, axis=2)[:, 0]
-        keep = (ok[:, 0] > 0) & (ok_back[:, 0] > 0) & (error < o.max_round_trip)
-        return keep, there[keep, 0].astype(np.float64)
+
+        def carry(a: GrayImage, b: GrayImage, start: Float[np.ndarray, "n 1 2"]) -> tuple[Float[np.ndarray, "n 1 2"], Bool[np.ndarray, "n"]]:
+            end, ok, _ = cv2.calcOpticalFlowPyrLK(a, b, start, np.empty_like(start), winSize=window, maxLevel=o.pyramid_levels, criteria=criteria)
+            return np.asarray(end), np.asarray(ok)[:, 0] > 0
+
+        def part(start: Float[np.ndarray, "n 1 2"]) -> tuple[Bool[np.ndarray, "n"], Float[np.ndarray, "n 2"]]:
+            if not len(start):
+                return np.zeros(0, bool), np.zeros((0, 2))
+            there, ok = carry(old, new, start)
+            back, ok_back = carry(new, old, there)
+            error = np.linalg.norm(back - start, axis=2)[:, 0]
+            return ok & ok_back & (error < o.max_round_trip), there[:, 0].astype(np.float64)
+
+        keep, there = (np.concatenate(both) for both in zip(*self._threads.map(part, np.array_split(self._centre.astype(np.float32)[:, None], 2)), strict=True))
+        return keep, there[keep]
 
     def _register(self, smooth: Float[np.ndarray, "height width"], zncc: Float[np.ndarray, "alive"]) -> None:
         half = len(zncc) // 2
