@@ -6,11 +6,16 @@ import numpy as np
 
 from planewright.arrays import Bool, Float, Int
 from planewright.corrections.carry import joined, taken
+from planewright.corrections.said import show
 from planewright.corrections.session import Mark, Session
+from planewright.geometry.plane import tangent_basis
 from planewright.mending.gap import Gap, blend
 from planewright.mending.mend import MendOptions, mend
 from planewright.progress import Progress, silent
 from planewright.tracking.tracks import State, Tracks
+
+LARGEST_SLANT = 8.0
+"""Of a face whose view turns a patch: how many times shorter than wide it may appear."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +69,33 @@ def bridges(session: Session, corner: int, mark: Mark, options: BridgeOptions = 
             end = place[other] if free else session.straight(int(frames[other]), marks[int(frames[other])])
             from_other = place[span] + (end - place[other])
         forward, backward = (from_mark, from_other) if step > 0 else (from_other, from_mark)
-        out.append(Bridge(Gap(frames[span].astype(np.int64), forward, backward), free))
+        out.append(Bridge(Gap(frames[span].astype(np.int64), forward, backward, _turned_patch(session, corner, frames[span])), free))
     return tuple(out)
+
+
+def _turned_patch(session: Session, corner: int, frames: Int[np.ndarray, "frames"]) -> Float[np.ndarray, "frames 2 2"] | None:
+    """How the surroundings of a corner are turned and scaled in each frame against the first one: as the model shows a face of the corner there, the one
+    that is seen largest. The model may have the corner beside where it is; how its face is seen changes little with that. None where the model does not say.
+    """
+    model = session.model
+    if model is None or model.structure.basis is None or not model.structure.scene.point_known[corner]:
+        return None
+    scene, cameras, incidences = model.structure.scene, model.cameras, model.structure.basis.incidences
+    rows = [cameras.row(int(frame)) for frame in frames]
+    faces = np.unique(incidences[incidences[:, 1] == corner, 0])
+    faces = faces[scene.face_known[faces]]
+    known = np.array([row for row in rows if row is not None], dtype=np.int64)
+    if len(known) < len(rows) or len(faces) == 0:
+        return None
+    jacobian = show(scene.points[corner : corner + 1], cameras, known).jacobian[:, 0]
+    seen = np.einsum("kij,flj->fkil", jacobian, tangent_basis(scene.normals[faces]))
+    size = np.abs(np.linalg.det(seen))
+    best = int(np.argmax(np.median(size, axis=1)))
+    turned = seen[best]
+    # Seen at a glance, a face says nothing about what is around its corner.
+    if (np.linalg.cond(turned) > LARGEST_SLANT).any():
+        return None
+    return turned @ np.linalg.inv(turned[0])
 
 
 def bridged_at_once(session: Session, corner: int, mark: Mark, found: tuple[Bridge, ...], options: BridgeOptions = BridgeOptions()) -> Tracks:

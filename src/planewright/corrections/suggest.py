@@ -32,6 +32,8 @@ class SuggestOptions:
     """One face alone holds the corner."""
     ambiguous: float = 0.08
     """A second line runs beside one of its edges."""
+    contradicted: float = 0.5
+    """A mark on the corner contradicted the model, and was obeyed in the image around it alone: a second one tells whether it holds in all frames."""
     otherwise: float = 0.005
     """None of these."""
     gross: float = 0.7
@@ -113,7 +115,14 @@ def _hope(sketch: Sketch, tracks: Tracks, model: Model | None, point: int, optio
     share, lack, faces = (options.otherwise, "", frozenset[int]()) if model is None else _doubt(model, point, options)
     right = [look.frame for look in own if _still(look, tracks, mine, options)]
     # What a mark was obeyed in leaves little to gain by the next one, and so does what a person found right.
-    left = options.corrected ** max(len(drawn.marks) - 1, 0) * options.looked ** len(right)
+    obeyed = max(len(drawn.marks) - 1, 0)
+    if model is not None and obeyed > 0 and (tracks.state[mine] == int(State.BRIDGED)).any():
+        share, lack, obeyed = (
+            max(share, options.contradicted),
+            "Your mark contradicts the model; a second one tells whether it holds in all frames.",
+            obeyed - 1,
+        )
+    left = options.corrected**obeyed * options.looked ** len(right)
     doubt = left * share * options.gross * len(seen)
     gain = left * float((1.0 - share) * lost.sum()) + doubt
     if off > 3.0 * options.click_sigma:

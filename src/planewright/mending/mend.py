@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from planewright.arrays import Float, GrayImage, Int
+from planewright.arrays import Float, GrayImage, Int, UInt8
 from planewright.mending.gap import Gap, Layer, WindowOptions, layer, shares
 from planewright.mending.kernels import cut_patch, next_layer, node_costs
 from planewright.mending.smooth import SmoothOptions, smooth_path
@@ -65,14 +65,25 @@ def mend(frames: Frames, gap: Gap, options: MendOptions = MendOptions(), *, prog
     """
     numbers = [int(number) for number in gap.frame]
     search = _Search(gap, options)
-    search.refer(_blurred(next(iter(frames.gray(numbers[-1:])))[1], options.blur))
+    search.refer(next(iter(frames.gray(numbers[-1:])))[1])
     for k, (_, image) in enumerate(steps(frames.gray(numbers), "Mending a track", progress, total=len(numbers))):
-        search.add(k, _blurred(image, options.blur))
+        search.add(k, image)
     return search.path()
 
 
-def _blurred(image: GrayImage, sigma: float) -> GrayImage:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.uint8) if sigma > 0 else image
+def _blurred(
+    image: GrayImage, around: Float[np.ndarray, "places 2"], reach: float, sigma: float
+) -> tuple[UInt8[np.ndarray, "rows columns"], Float[np.ndarray, "2"]]:
+    """The part of an image within `reach` pixels of some places, blurred, and where its first pixel is in the image: blurring all of it takes as long as
+    everything else together.
+    """
+    margin = reach + 4.0 * sigma + 2.0
+    height, width = image.shape
+    (x0, y0), (x1, y1) = np.floor(around.min(axis=0) - margin), np.ceil(around.max(axis=0) + margin)
+    left, top = int(np.clip(x0, 0, width - 1)), int(np.clip(y0, 0, height - 1))
+    part = image[top : int(np.clip(y1, top + 1, height)), left : int(np.clip(x1, left + 1, width))]
+    blurred = cv2.GaussianBlur(part, (0, 0), sigma) if sigma > 0 else np.ascontiguousarray(part)
+    return np.asarray(blurred, np.uint8), np.array([left, top], dtype=np.float64)
 
 
 class _Search:
@@ -94,25 +105,28 @@ class _Search:
 
     def refer(self, image: GrayImage) -> None:
         """The frame of the last anchor, for its patch."""
-        x, y = self.gap.backward[-1] - 0.5
-        cut_patch(image, float(x), float(y), np.eye(2), self.options.half_patch, self.references[1])
+        part, first = _blurred(image, self.gap.backward[-1:], self._reach(np.eye(2)), self.options.blur)
+        x, y = self.gap.backward[-1] - 0.5 - first
+        cut_patch(part, float(x), float(y), np.eye(2), self.options.half_patch, self.references[1])
 
     def add(self, k: int, image: GrayImage) -> None:
         """The next frame."""
         gap, options = self.gap, self.options
-        if k == 0:
-            x, y = gap.forward[0] - 0.5
-            cut_patch(image, float(x), float(y), np.eye(2), options.half_patch, self.references[0])
-        self._confirm(k, image)
         here = layer(gap, k, options.windows)
+        # The last anchor's patch is turned back from the first frame's: its own affine is the last one.
+        affines = np.stack([self.affine[k], self.affine[k] @ np.linalg.inv(self.affine[-1])])
+        places = np.concatenate([here.nodes, gap.forward[k : k + 1], gap.backward[k : k + 1]])
+        part, first = _blurred(image, places, max(self._reach(affine) for affine in (np.eye(2), *affines)), options.blur)
+        if k == 0:
+            x, y = gap.forward[0] - 0.5 - first
+            cut_patch(part, float(x), float(y), np.eye(2), options.half_patch, self.references[0])
+        self._confirm(k, part, first)
         own = np.zeros(len(here.nodes))
         if not options.literal_weight and 0 < k < len(gap.frame) - 1:
-            # The last anchor's patch is turned back from the first frame's: its own affine is the last one.
-            affines = np.stack([self.affine[k], self.affine[k] @ np.linalg.inv(self.affine[-1])])
             lines = np.zeros((0, 4)) if gap.lines is None else gap.lines[k].copy()
             if len(lines):
-                lines[:, 2] -= 0.5 * (lines[:, 0] + lines[:, 1])
-            node_costs(image, here.nodes - 0.5, affines, self.references, options.half_patch, options.patch_weight, lines, options.line_weight, own)
+                lines[:, 2] -= lines[:, :2] @ (0.5 + first)
+            node_costs(part, here.nodes - 0.5 - first, affines, self.references, options.half_patch, options.patch_weight, lines, options.line_weight, own)
         if k == 0:
             self.costs.append(own.copy())
             self.back.append(np.zeros(1, dtype=np.int64))
@@ -134,12 +148,16 @@ class _Search:
         share = float(shares(self.gap)[k])
         return np.stack([forward, backward, (1.0 - share) * forward + share * backward])
 
-    def _confirm(self, k: int, image: GrayImage) -> None:
+    def _reach(self, affine: Float[np.ndarray, "2 2"]) -> float:
+        """How far a patch reaches from its middle, pixels."""
+        return float(np.sqrt(2.0) * self.options.half_patch * np.linalg.norm(affine, 2)) + 1.0
+
+    def _confirm(self, k: int, image: UInt8[np.ndarray, "rows columns"], first: Float[np.ndarray, "2"]) -> None:
         """How well the patches at both ends of the last step agree, for each trace: a trace that jumps is not confirmed where it does."""
         options = self.options
         patches = np.zeros_like(self.patches)
         for side, trace in enumerate((self.gap.forward, self.gap.backward)):
-            x, y = trace[k] - 0.5
+            x, y = trace[k] - 0.5 - first
             if cut_patch(image, float(x), float(y), self.affine[k], options.half_patch, patches[side]) < 0.0:
                 patches[side] = 0.0
         if k > 0 and self.last_patch is not None:
