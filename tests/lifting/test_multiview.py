@@ -59,6 +59,19 @@ def test_faces_are_measured_to_a_fraction_of_what_they_start_off(shed, shed_view
     assert np.median(np.abs(error)) < 0.002 * shed.clip.scene.diagonal
 
 
+def test_faces_measured_again_where_they_are_come_out_as_from_the_beginning(shed, shed_views, owners: np.ndarray) -> None:
+    scene = shed.scene
+    first = measure_faces(shed_views, scene.normals, scene.offsets, scene.face_known, owners)
+    # half a pixel of motion further off
+    moved = scene.offsets - 0.5 * shed_views.depth_per_pixel * (scene.normals @ shed_views.centers.mean(axis=0) - scene.offsets)
+    afresh = measure_faces(shed_views, scene.normals, moved, scene.face_known, owners)
+    again = measure_faces(shed_views, scene.normals, moved, scene.face_known, owners, last=first)
+    assert [e.face for e in again] == [e.face for e in afresh]
+    apart = [angle_deg(a.normal, b.normal) for a, b in zip(again, afresh, strict=True)]
+    assert max(apart) > 0.0  # they took another way
+    assert np.median(apart) < 0.02
+
+
 def test_a_face_that_is_not_known_is_not_measured_and_neither_is_one_that_shows_its_back(shed, shed_views, owners: np.ndarray) -> None:
     scene = shed.scene
     known = scene.face_known.copy()

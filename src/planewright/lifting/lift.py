@@ -443,13 +443,14 @@ class _Lifter:
             if any(guesses[h].view < 0 for h in usable[f]):
                 usable[f] = [h for h in usable[f] if guesses[h].view < 0 or guesses[h].energy < -WEAK]
         neighbours = [[g for g in range(self.num_faces) if g != f and set(self.corners[f]) & set(self.corners[g])] for f in range(self.num_faces)]
+        drawn_over = [[np.nonzero(guess.covered.any(axis=0))[0].tolist() for guess in guesses] for guesses in self.found]
         behind_cache: dict[tuple[int, int, int, int], Bool[np.ndarray, "probe"]] = {}
 
         def explained(f: int, h: int, labels: Sequence[int]) -> float:
             """Share of the face's pixels that other chosen faces explain."""
             mine = self.found[f][h]
             by_others = np.zeros(len(mine.probe), bool)
-            for g in np.nonzero(mine.covered.any(axis=0))[0].tolist():
+            for g in drawn_over[f][h]:
                 if labels[g] >= 0:
                     key = (f, h, g, labels[g])
                     if key not in behind_cache:

@@ -5,6 +5,7 @@ Several, far apart, also show how far the planes differ, which says more about t
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -51,6 +52,9 @@ class MultiviewOptions:
     """Estimates that turn further away from the present plane followed something else."""
     max_shift: float = 16.0
     """So did those that move the face by more than this, in pixels of motion."""
+    unmoved: float = 1.0
+    """A face that is nearer than this to where the same view saw it in the round before, in pixels of motion, is compared in the views that show it
+    moved most: the others only lead there, and images blurred by .7 pixels pull together what is a pixel apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,32 +82,66 @@ def measure_faces(
     owners: Int[np.ndarray, "views height width"],
     options: MultiviewOptions = MultiviewOptions(),
     photometric: PhotometricOptions = PhotometricOptions(),
+    *,
+    last: Sequence[FaceEstimate] = (),
 ) -> list[FaceEstimate]:
-    """Every known face measured again from its best reference views, starting from the present planes."""
+    """Every known face measured again from its best reference views, starting from the present planes.
+
+    last: the estimates of an earlier round. A face that is still where such a view saw it is compared at the largest baselines alone.
+    """
     areas = visible_shares(views, owners, len(normals))
-    out: list[FaceEstimate] = []
-    for f in np.nonzero(known)[0]:
-        for view in _references(areas[:, f], (views.centers @ normals[f] - offsets[f]) > 0, options):
-            mask = _mask(owners[view], int(f), views.images.shape[1:])
-            reference = reference_from_mask(views, int(view), mask > 0, photometric)
-            if reference is None:
-                continue
-            start = plane_from_world(views, reference, normals[f], float(offsets[f]))
-            if start is None or start[2] <= 0:
-                continue
-            found = refine(views, reference, start, options.start / views.depth_per_pixel, photometric, owners=owners, face=int(f))
-            if found is None or found.zncc < options.min_zncc:
-                continue
-            normal, offset = plane_to_world(views, reference, found.plane)
-            if normal @ normals[f] < np.cos(np.radians(options.max_tilt_deg)):
-                continue
-            if (
-                np.abs(np.log((reference.basis @ found.plane).clip(1e-12) / (reference.basis @ start).clip(1e-12))).mean()
-                > options.max_shift * views.depth_per_pixel
-            ):
-                continue
-            out.append(FaceEstimate(int(f), found, normal, offset))
-    return _consistent(out)
+    seen_before = {(estimate.face, estimate.found.reference.view): estimate for estimate in last}
+    jobs = [(int(f), view) for f in np.nonzero(known)[0] for view in _references(areas[:, f], (views.centers @ normals[f] - offsets[f]) > 0, options)]
+
+    def measure(job: tuple[int, int]) -> FaceEstimate | None:
+        f, view = job
+        return _measure(views, f, view, normals[f], float(offsets[f]), owners, seen_before.get(job), options, photometric)
+
+    # Each face in each view is measured on its own, so the number of threads cannot change a result.
+    with ThreadPoolExecutor(2) as threads:
+        return _consistent([estimate for estimate in threads.map(measure, jobs) if estimate is not None])
+
+
+def _measure(
+    views: Views,
+    face: int,
+    view: int,
+    normal: Vec3,
+    offset: float,
+    owners: Int[np.ndarray, "views height width"],
+    last: FaceEstimate | None,
+    options: MultiviewOptions,
+    photometric: PhotometricOptions,
+) -> FaceEstimate | None:
+    """One face as one reference view sees it; None where it does not see it, or followed something else."""
+    mask = _mask(owners[view], face, views.images.shape[1:])
+    reference = reference_from_mask(views, view, mask > 0, photometric)
+    if reference is None:
+        return None
+    start = plane_from_world(views, reference, normal, offset)
+    if start is None or start[2] <= 0:
+        return None
+    first = options.start / views.depth_per_pixel
+    if last is not None and _moved(views, reference, start, last) < options.unmoved:
+        first *= photometric.growth**3
+    found = refine(views, reference, start, first, photometric, owners=owners, face=face)
+    if found is None or found.zncc < options.min_zncc or _apart(views, reference, found.plane, start) > options.max_shift:
+        return None
+    found_normal, found_offset = plane_to_world(views, reference, found.plane)
+    if found_normal @ normal < np.cos(np.radians(options.max_tilt_deg)):
+        return None
+    return FaceEstimate(face, found, found_normal, found_offset)
+
+
+def _moved(views: Views, reference: Reference, plane: Vec3, last: FaceEstimate) -> float:
+    """How far a plane is from an earlier estimate, over the face, in pixels of motion."""
+    before = plane_from_world(views, reference, last.normal, last.offset)
+    return np.inf if before is None else _apart(views, reference, plane, before)
+
+
+def _apart(views: Views, reference: Reference, a: Vec3, b: Vec3) -> float:
+    """Mean over the face of how far apart two planes are, in pixels of motion."""
+    return float(np.abs(np.log((reference.basis @ a).clip(1e-12) / (reference.basis @ b).clip(1e-12))).mean()) / views.depth_per_pixel
 
 
 def _consistent(estimates: list[FaceEstimate]) -> list[FaceEstimate]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from planewright.arrays import Bool, Float
 from planewright.lifting.lift import Lifted, LiftOptions, lift_sketch
-from planewright.lifting.multiview import MultiviewOptions, measure_faces, plane_points, visible_shares
+from planewright.lifting.multiview import FaceEstimate, MultiviewOptions, measure_faces, plane_points, visible_shares
 from planewright.lifting.rays import MarkRays, mark_rays
 from planewright.lifting.views import ViewOptions, Views, load_views
 from planewright.planes.basis import Basis
@@ -122,14 +122,14 @@ def refine_structure(
     title, total = "Refining corners and planes", 2 + options.rounds
     progress(title, 0, total)
     # Clicks and planes alone, twice: what the first says of the corners' certainty, the second's incidences and shapes build on.
-    structured, _ = _round(views, sketch, rays, edges, lifted, priors, _oriented(views, sketch, state), None, options)
+    structured, _, estimates = _round(views, sketch, rays, edges, lifted, priors, _oriented(views, sketch, state), None, (), options)
     priors = joined(
         priors, fourth_corners(sketch, structured.scene, open_above=options.open_above * views.depth_per_pixel * _distance(views, structured.scene))
     )
     for turn in range(1 + options.rounds):
         progress(title, 1 + turn, total)
         state = _oriented(views, sketch, _state_of(structured.scene))
-        structured, lines = _round(views, sketch, rays, edges, lifted, priors, state, anchor, options)
+        structured, lines, estimates = _round(views, sketch, rays, edges, lifted, priors, state, anchor, estimates, options)
         anchor = anchor or Anchor(structured.scene.points, structured.scene.point_covariance)
     progress(title, total, total)
     notes = (*_edge_notes(sketch, lines), *structured.warnings)
@@ -145,10 +145,11 @@ def _round(
     priors: CornerPriors,
     state: _State,
     anchor: Anchor | None,
+    last: Sequence[FaceEstimate],
     options: RefineOptions,
-) -> tuple[Structured, list[EdgeLine]]:
+) -> tuple[Structured, list[EdgeLine], list[FaceEstimate]]:
     owners = owners_in_views(views, polygons_of(sketch, state.points, _or_nan(state.normals, state.face_known), state.offsets))
-    estimates = measure_faces(views, state.normals, state.offsets, state.face_known, owners, options.faces, options.lift.photometric)
+    estimates = measure_faces(views, state.normals, state.offsets, state.face_known, owners, options.faces, options.lift.photometric, last=last)
     lines: list[EdgeLine] = []
     if anchor is not None:
         usable = [(f, a, b) for f, a, b in edges if state.face_known[f] and state.known[a] and state.known[b]]
@@ -172,7 +173,7 @@ def _round(
     )
     if wrong.any():
         structured = adjust_structure(sketch, start, evidence, proposed[~wrong], options.adjust)
-    return structured, lines
+    return structured, lines, estimates
 
 
 def _recalled(sketch: Sketch, rays: MarkRays, views: Views, state: _State) -> Float[np.ndarray, "points 3"]:
