@@ -129,7 +129,7 @@ def _covariance_in_space(
     )
     system = columns.reshape(-1, 6)
     scale = np.linalg.norm(system, axis=0).max()
-    ridge = 1e-2 * scale * np.eye(6)
+    ridge = 1e-3 * scale * np.eye(6)
     values = np.array([wide[a, b] for a, b in pairs])
     found = np.linalg.lstsq(np.concatenate([system, ridge]), np.concatenate([seen.reshape(-1), ridge @ values]), rcond=None)[0]
     matrix = np.zeros((3, 3))
