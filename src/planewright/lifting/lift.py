@@ -61,6 +61,9 @@ AGREEMENT = 4.0
 """What a plane with which nearly all pixels agree earns; one at which the views agree to a ZNCC of 0.4 earns nothing."""
 CORNERS = 1.5
 """What a plane through three corners that are known by other faces earns; through more, twice that."""
+LOOSE = 0.1
+"""A plane on which the pixels leave a corner's depth open by more than this share says nothing about it: the front of a bare box hung by three
+of its corners that way, and took the fourth a hundred pixels off its mark."""
 WEAK = 1.0
 """A plane from pixels that earns less does not stand against one through corners."""
 WITNESS = 1.2
@@ -119,6 +122,9 @@ class Lifted:
     face_known: Bool[np.ndarray, "faces"]
     from_pixels: Bool[np.ndarray, "faces"]
     """False where the plane only comes from corners known otherwise."""
+    plane_sigma: Float[np.ndarray, "faces"]
+    """How sure the pixels are of a plane: the relative standard deviation of the depth of the face's corners on it, the largest of them; zero
+    where it does not come from pixels."""
     corners: tuple[tuple[int, ...], ...]
     """Rows of each face's corners, holes included."""
 
@@ -324,10 +330,19 @@ class _Lifter:
         best = max((agreement(found) for found, count in zip(planes, through, strict=True) if count < 3), default=0.0)
         for found, count in zip(planes, through, strict=True):
             normal, offset = plane_to_world(self.views, reference, found.plane)
+            if self.looseness(face, found, normal, offset) > LOOSE:
+                continue
             # of two planes for the same pixels, a clearly worse one needs much to speak for it
             quality = agreement(found) - 3.0 * max(best - agreement(found), 0.0)
             out.append(Hypothesis(normal, offset, quality, view, self.on_plane(view, probes + 0.5, normal, offset), covered, found, seen_through=count))
         return [*out, *self.from_witnesses(view, reference, polygon, witnesses, covered, probes)]
+
+    def looseness(self, face: int, found: PhotometricPlane, normal: Vec3, offset: float) -> float:
+        """Largest relative standard deviation of the depth of a marked corner on a plane, as its pixels know it."""
+        rows = np.array([self.rays.of_point(c)[0] for c in self.corners[face] if len(self.rays.of_point(c))], int)
+        depth, _ = meet(self.rays, rows, normal, offset)
+        corners = self.rays.origin[rows] + depth[:, None] * self.rays.direction[rows]
+        return max((relative_sigma(self.views, found, at) for at in corners), default=0.0)
 
     def witnesses(self, view: int, mask: Bool[np.ndarray, "height width"]) -> Witnesses:
         """Scene features observed about the time of a view that lie inside a mask there."""
@@ -685,15 +700,19 @@ def lift_sketch(
 
 def _finish(lifter: _Lifter) -> Lifted:
     faces = lifter.num_faces
-    normals, offsets, known = np.full((faces, 3), np.nan), np.full(faces, np.nan), np.zeros(faces, bool)
+    normals, offsets, known, sigma = np.full((faces, 3), np.nan), np.full(faces, np.nan), np.zeros(faces, bool), np.zeros(faces)
     for f, choice in enumerate(lifter.choice):
         guess = choice or next(iter(lifter.from_corners(f)), None)
         if guess is not None:
             normals[f], offsets[f], known[f] = guess.normal, guess.offset, True
+            if guess.found is not None:
+                corners = lifter.points[[c for c in lifter.corners[f] if lifter.known[c]]]
+                sigma[f] = max((relative_sigma(lifter.views, guess.found, at) for at in corners), default=0.0)
     lone_points(lifter)
     return Lifted(
         lifter.points, lifter.known.copy(), normals, offsets, known,
-        np.array([guess is not None and (guess.view >= 0 or guess.agreed) for guess in lifter.choice], bool), tuple(map(tuple, lifter.corners)),
+        np.array([guess is not None and (guess.view >= 0 or guess.agreed) for guess in lifter.choice], bool), sigma,
+        tuple(map(tuple, lifter.corners)),
     )  # fmt: skip
 
 

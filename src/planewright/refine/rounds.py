@@ -159,7 +159,7 @@ def _round(
     )
     lifted_sigma = options.lift.plane_sigma * views.depth_per_pixel * _distance(views, state)
     evidence = Evidence(
-        plane_points=_with_lifted(plane_points(views, estimates, options.faces), lifted, lifted_sigma),
+        plane_points=_with_lifted(plane_points(views, estimates, options.faces), lifted, lifted_sigma, _distance(views, state)),
         marks=_marks(views, rays, options.click_sigma * views.scale),
         lines=corner_lines(lines, state.points),
         priors=priors,
@@ -203,10 +203,10 @@ def _strayed(rays: MarkRays, views: Views, points: Float[np.ndarray, "points 3"]
     return np.isfinite(nearest) & (nearest > limit)
 
 
-def _with_lifted(measured: PlanePoints, lifted: Lifted, sigma: float) -> PlanePoints:
+def _with_lifted(measured: PlanePoints, lifted: Lifted, sigma: float, distance: float) -> PlanePoints:
     """The measured planes, and for faces that no reference view could measure again, the plane from which they were lifted."""
     missing = np.nonzero(lifted.from_pixels & ~np.isin(np.arange(len(lifted.normals)), measured.face))[0]
-    faces, points = [measured.face], [measured.point]
+    faces, points, sigmas = [measured.face], [measured.point], [measured.sigma]
     for f in missing:
         corners = lifted.points[list(lifted.corners[f])]
         corners = corners[np.isfinite(corners).all(axis=1)]
@@ -218,9 +218,9 @@ def _with_lifted(measured: PlanePoints, lifted: Lifted, sigma: float) -> PlanePo
             _, size, axes = np.linalg.svd(onto / np.sqrt(len(corners)))
             turns = 2 * np.pi * np.arange(3) / 3
             faces.append(np.full(3, f))
+            sigmas.append(np.full(3, float(np.hypot(sigma, lifted.plane_sigma[f] * distance))))
             points.append(center + np.sqrt(2.0) * (np.cos(turns)[:, None] * size[0] * axes[0] + np.sin(turns)[:, None] * size[1] * axes[1]))
-    count = sum(len(f) for f in faces[1:])
-    return PlanePoints(np.concatenate(faces), np.concatenate(points), np.concatenate([measured.sigma, np.full(count, sigma)]))
+    return PlanePoints(np.concatenate(faces), np.concatenate(points), np.concatenate(sigmas))
 
 
 def _distance(views: Views, scene: PlanarScene | _State) -> float:
