@@ -35,7 +35,8 @@ def test_rows_are_sorted_by_point_then_frame_and_no_place_is_claimed_twice(track
 def test_corners_are_where_the_truth_is_and_the_covariance_says_how_well(shed, tracks: Tracks) -> None:
     tracked = tracks.state == State.TRACKED
     off = errors(shed, tracks)[tracked]
-    assert np.median(np.linalg.norm(off, axis=1)) < 0.25
+    # The model here is exact; the lines of the clip draw it off by a little.
+    assert np.median(np.linalg.norm(off, axis=1)) < 0.2
     assert np.percentile(np.linalg.norm(off, axis=1), 99) < 0.8
     distance = np.einsum("ni,nij,nj->n", off, np.linalg.inv(tracks.covariance[tracked]), off)
     assert (distance < 9.2).mean() > 0.97  # chi squared of two, 99 %
@@ -237,7 +238,7 @@ def test_a_change_of_exposure_hides_nothing(shed, tracks: Tracks) -> None:
     found = follow_corners(Disturbed(shed.frames, expose), shed.scene, shed.cameras)
     seen = tracks.state == State.TRACKED
     assert (found.state[seen] == State.TRACKED).mean() > 0.98
-    assert np.median(np.linalg.norm(errors(shed, found)[seen], axis=1)) < 0.25
+    assert np.median(np.linalg.norm(errors(shed, found)[seen], axis=1)) < 0.2
 
 
 def test_corners_that_leave_the_picture_come_back_where_they_are(film) -> None:

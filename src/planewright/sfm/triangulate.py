@@ -25,14 +25,8 @@ class Triangulated:
     """In front of every camera that sees it."""
 
 
-def intrinsics_array(intrinsics: Intrinsics) -> Float[np.ndarray, "5"]:
-    """Focal, principal point x and y, k1, k2: what the kernels take."""
-    k1, k2 = (*intrinsics.distortion, 0.0, 0.0)[:2]
-    return np.array([intrinsics.focal, *intrinsics.principal_point, k1, k2])
-
-
 def intrinsics_value(values: Float[np.ndarray, "5"], image_size: tuple[int, int], radial_terms: int) -> Intrinsics:
-    """The other way round."""
+    """From what the kernels take: focal, principal point x and y, k1, k2."""
     return Intrinsics(
         focal=float(values[0]), principal_point=values[1:3].copy(), image_size=image_size, distortion=tuple(float(k) for k in values[3 : 3 + radial_terms])
     )
