@@ -71,7 +71,7 @@ def lift_sketch(
     views: Views, sketch: Sketch, scene: ScenePoints, options: LiftOptions = LiftOptions(), *, rng: np.random.Generator, progress: Progress = silent
 ) -> Lifted:
     """Planes and corners of the sketch in the world, as far as the views give them."""
-    task = task_of(views, sketch, scene, options.photometric, _tolerances(options, views))
+    task = task_of(views, sketch, scene, options.photometric, tolerances(options, views))
     located, searches = nothing_located(task), Searches()
     found: list[list[Hypothesis]] = [[] for _ in range(task.num_faces)]
     if not sketch.faces:
@@ -96,7 +96,8 @@ def lift_sketch(
     return _lifted(task, located, found)
 
 
-def _tolerances(options: LiftOptions, views: Views) -> Tolerances:
+def tolerances(options: LiftOptions, views: Views) -> Tolerances:
+    """The options in the units of the views."""
     return Tolerances(
         mark_sigma=options.click_sigma * views.scale,
         plane_sigma=options.plane_sigma * views.depth_per_pixel,
