@@ -45,20 +45,32 @@ def test_a_corner_that_nothing_tells_any_more_is_unknown(task: Task, true_planes
     assert_array_equal(after.points[~after.known], before.points[~after.known])
 
 
-def test_a_corner_is_less_sure_on_a_plane_seen_aslant(task: Task, true_planes: list[Hypothesis]) -> None:
-    face = 0
-    row = task.first_marks(task.corners[face])[0]
+def plane_at(task: Task, like: Hypothesis, row: int, depth: float, facing: float) -> Hypothesis:
+    """The plane through a point on a mark's ray: square to the ray with `facing` 1, along it with 0."""
     toward = task.rays.direction[row] / np.linalg.norm(task.rays.direction[row])
-    aslant = np.cross(toward, [0.0, 0.0, 1.0])
-    aslant /= np.linalg.norm(aslant)
-    at = task.rays.origin[row] + 5.0 * task.rays.direction[row]
+    aside = np.cross(toward, [0.0, 0.0, 1.0])
+    normal = facing * toward + np.sqrt(1.0 - facing**2) * aside / np.linalg.norm(aside)
+    return replace(like, normal=normal, offset=float(normal @ (task.rays.origin[row] + depth * task.rays.direction[row])))
+
+
+def test_a_corner_is_less_sure_on_a_plane_seen_aslant(task: Task, true_planes: list[Hypothesis]) -> None:
+    row = int(task.first_marks(task.corners[0])[0])
     corner = int(task.rays.point[row])
-    facing, turned = (
-        corner_depths(task, face, replace(true_planes[face], normal=n / np.linalg.norm(n), offset=float(n @ at) / np.linalg.norm(n)))[corner]
-        for n in (toward, aslant + 0.1 * toward)
-    )
+    facing, turned = (corner_depths(task, 0, plane_at(task, true_planes[0], row, 5.0, share))[corner] for share in (1.0, 0.1))
     assert_allclose([facing[0], turned[0]], 5.0)
     assert turned[1] > 1.5 * facing[1]
+
+
+def test_one_plane_that_is_sure_outweighs_two_that_are_not(task: Task, true_planes: list[Hypothesis]) -> None:
+    shared = int(np.argmax(task.faces_at))
+    row = int(task.rays.of_point(shared)[0])
+    sure, *unsure = [f for f, corners in enumerate(task.corners) if shared in corners][:3]
+    planes: list[Hypothesis | None] = [None] * task.num_faces
+    planes[sure] = plane_at(task, true_planes[sure], row, 4.0, 1.0)
+    for f in unsure:
+        planes[f] = plane_at(task, true_planes[f], row, 6.0, 0.05)
+    located = locate(task, planes, nothing_located(task))
+    assert_allclose(located.points[shared], task.rays.origin[row] + 4.0 * task.rays.direction[row], atol=0.1)
 
 
 def test_a_face_is_drawn_where_its_corners_are(shed, task: Task, true_planes: list[Hypothesis]) -> None:

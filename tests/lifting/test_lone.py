@@ -9,7 +9,7 @@ from planewright.lifting.hypothesis import Hypothesis
 from planewright.lifting.located import locate, nothing_located
 from planewright.lifting.lone import locate_lone_points
 from planewright.lifting.task import Task
-from planewright.sketch.graph import PointId, Sketch, SketchPoint
+from planewright.sketch.graph import FaceId, PointId, Sketch, SketchPoint
 
 
 def test_a_point_on_no_face_gets_the_depth_of_the_patch_around_its_mark(shed, lift) -> None:
@@ -25,11 +25,14 @@ def test_a_point_on_no_face_gets_the_depth_of_the_patch_around_its_mark(shed, li
     assert abs(depth[0] - 1) < 0.02
 
 
-def test_what_is_known_stays_where_it_is(task: Task, true_planes: list[Hypothesis]) -> None:
+def test_what_is_known_stays_where_it_is_and_a_patch_is_less_sure_than_a_plane(shed, task: Task, true_planes: list[Hypothesis]) -> None:
     located = locate(task, true_planes, nothing_located(task))
     some = located.known.copy()
-    some[3] = False
+    pane = [face.id for face in shed.sketch.faces].index(FaceId("pane"))
+    lone = task.loops[pane][0]
+    some[lone] = False
     after = locate_lone_points(task, replace(located, known=some))
     assert_array_equal(after.points[some], located.points[some])
     assert_array_equal(after.spread[some], located.spread[some])
-    assert after.known[some].all()
+    assert after.known.all()
+    assert after.spread[lone] > 3.0 * located.spread[lone]
