@@ -35,30 +35,30 @@ class FusionOptions:
     corner_sigma: float = 0.15
     """Standard deviation of what a frame may add to a corner by itself, pixels, before `frame_scale`."""
     frame_sigma: float = 0.6
-    """Standard deviation of the motion a frame may add to the whole picture, pixels."""
-    edge_sigma: float = 0.22
+    """Standard deviation of the motion a frame may add to the whole picture, pixels, before `frame_scale`."""
+    edge_sigma: float = 0.25
     """Error that an edge's line has in common in all frames (shading, a rounded edge), pixels: more frames do not make it smaller."""
-    other_line: float = 0.1
+    other_line: float = 0.15
     """Chance that what is found near an edge is another line in all frames. Of 1150 edge ends 11 % were beside the true edge by more than a pixel. Of
     lines more than a pixel from a model that is sure to half a pixel none was right."""
-    other_reach: float = 7.0
-    """Width over which another line may lie, pixels: twice the reach of the search."""
+    other_reach: float = 2.0
+    """Standard deviation of another line's place beside the edge, pixels of a typical frame: about even over the reach of the search."""
     mark_sigma: float = 1.2
     """Standard deviation of a mark on each axis, pixels."""
     model_wrong: float = 0.2
     """Chance that a corner of the model is off by more than it knows (a relation that does not hold, an edge that is another line)."""
-    wrong_factor: float = 4.0
+    wrong_factor: float = 3.0
     """What its standard deviations are multiplied by then."""
     model_floor: float = 0.03
     """Standard deviation of a corner in the model that is always allowed for, pixels of a typical frame."""
-    usual_misfit: float = 0.7
+    usual_misfit: float = 0.72
     """What lines are beside the model in the median over clips (robust standard deviation), over what both allow for: both have looked at the
     same pictures. It was .4 on boxes with sharp edges, 1.1 under a rolling shutter and on a model house seen from afar."""
     clip_weight: float = 0.8
     """How much a clip's own misfit says of its scale, as a share of the variance, when many edges speak."""
     few_ends: int = 15
     """Edge ends at which it says half of that."""
-    doubt: float = 0.7
+    doubt: float = 0.6
     """Share of a corner's doubt about which line its edge is that frames cannot lift: they look where the model is, and find again what it chose."""
     doubt_above: float = 0.4
     """Standard deviation of a corner in the model, pixels, above which it is mostly that doubt."""
@@ -155,7 +155,7 @@ def refit_corners(
     num_points = jacobian.shape[1]
     shift, covariance = np.zeros((num_points, 3)), point_covariance.copy()
     placed = np.isfinite(point_covariance).all(axis=(1, 2)) & np.isfinite(jacobian).all(axis=(0, 2, 3))
-    ends = [_edge_ends(lines, jacobian, i, options) if placed[i] else [] for i in range(num_points)]
+    ends = [_edge_ends(lines, jacobian, i, _floored(point_covariance[i], jacobian[:, i], options), options) if placed[i] else [] for i in range(num_points)]
     misfits = [(end.offset, end.variance(point_covariance[i]) + options.edge_sigma**2 / end.weight) for i in range(num_points) for end in ends[i]]
     scale = clip_scale(misfits, options)
     for i in np.nonzero(placed)[0]:
@@ -163,8 +163,10 @@ def refit_corners(
         if not ends[i] and len(mine) == 0:
             continue
         pixel = 1.0 / _pixels_per_unit(jacobian[:, i])
-        model = scale**2 * (point_covariance[i] + (options.model_floor * pixel) ** 2 * np.eye(3))
-        shift[i], joint = _mixed(model, ends[i], scale * options.edge_sigma, jacobian[marks.row[mine], i].reshape(-1, 3), marks.offset[mine].reshape(-1), options)
+        model = scale**2 * _floored(point_covariance[i], jacobian[:, i], options)
+        other = (options.other_reach * pixel) ** 2 * np.eye(3)
+        slopes, offsets = jacobian[marks.row[mine], i].reshape(-1, 3), marks.offset[mine].reshape(-1)
+        shift[i], joint = _mixed(model, other, ends[i], scale * options.edge_sigma, slopes, offsets, options)
         covariance[i] = joint + (_beyond(model, options.doubt_above * pixel) * options.doubt**2 if ends[i] else 0.0)
     return shift, covariance
 
@@ -184,8 +186,24 @@ def clip_scale(misfits: Sequence[tuple[float, float]], options: FusionOptions) -
     return float(np.sqrt(weight * shown**2 + 1.0 - weight))
 
 
-def _edge_ends(lines: FrameLines | None, jacobian: Float[np.ndarray, "rows points 2 3"], corner: int, options: FusionOptions) -> list[_EdgeEnd]:
-    """The edges at a corner that were found in five frames or more, those that are seen best. Frames far from the others' median have less say."""
+def _together(
+    slopes: Float[np.ndarray, "frames 3"], offsets: Float[np.ndarray, "frames"], weight: Float[np.ndarray, "frames"], model: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "frames"]:
+    """Cauchy weights of an edge's frames about the one place in space that most of them agree on: near frames see the same displacement larger."""
+    robust = np.ones(len(offsets))
+    weak = 1e-2 * np.linalg.inv(model)
+    for _ in range(4):
+        w = weight * robust / max(float((weight * robust).sum()), 1e-12)
+        place = np.linalg.solve((slopes * w[:, None]).T @ slopes + weak, (slopes * w[:, None]).T @ offsets)
+        away = np.abs(offsets - slopes @ place)
+        robust = 1.0 / (1.0 + (away / max(3.0 * 1.4826 * float(np.median(away)), 0.5)) ** 2)
+    return robust
+
+
+def _edge_ends(
+    lines: FrameLines | None, jacobian: Float[np.ndarray, "rows points 2 3"], corner: int, model: Float[np.ndarray, "3 3"], options: FusionOptions
+) -> list[_EdgeEnd]:
+    """The edges at a corner that were found in five frames or more, those that are seen best."""
     found: list[_EdgeEnd] = []
     if lines is None:
         return found
@@ -194,20 +212,20 @@ def _edge_ends(lines: FrameLines | None, jacobian: Float[np.ndarray, "rows point
         k = np.nonzero(lines.found[:, e] & lines.at_corner[:, e, side])[0]
         if len(k) < 5:
             continue
-        offsets = lines.offset[k, e, side]
-        away = np.abs(offsets - np.median(offsets))
-        robust = 1.0 / (1.0 + (away / max(3.0 * 1.4826 * float(np.median(away)), 0.5)) ** 2)
+        offsets, slopes = lines.offset[k, e, side], np.einsum("ki,kij->kj", lines.normal[k, e], jacobian[k, corner])
+        robust = _together(slopes, offsets, weight[k, e, side], model)
         w = weight[k, e, side] * robust
         # Frames say the same thing again; below ten they are too few to be sure of even that.
         total = float(w.sum()) / max(float(robust.sum()), 10.0)
         if total > 1e-6:
-            found.append(_EdgeEnd(np.einsum("ki,kij->kj", lines.normal[k, e], jacobian[k, corner]), offsets, w / w.sum(), total))
+            found.append(_EdgeEnd(slopes, offsets, w / w.sum(), total))
     order = sorted(range(len(found)), key=lambda n: (-found[n].weight, n))[: options.most_edges]
     return [found[n] for n in sorted(order)]
 
 
 def _mixed(
     model: Float[np.ndarray, "3 3"],
+    other: Float[np.ndarray, "3 3"],
     ends: Sequence[_EdgeEnd],
     edge_sigma: float,
     slopes: Float[np.ndarray, "numbers 3"],
@@ -216,29 +234,29 @@ def _mixed(
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
     """Mean and covariance of a corner's displacement over all answers to: is the model right, is each line the edge?
 
-    slopes, offsets: of the marks, by the corner's place and from the model, pixels.
+    other: covariance of another line's displacement from the edge. slopes, offsets: of the marks, by the corner's place and from the model, pixels.
     """
     is_edge = np.array(list(product((False, True), repeat=len(ends))), bool).reshape(2 ** len(ends), len(ends))
-    information, pull, like = np.zeros((len(is_edge), 3, 3)), np.zeros((len(is_edge), 3)), np.zeros(len(is_edge))
-    inverse = np.linalg.inv(model)
-    for end, yes in zip(ends, is_edge.T, strict=True):
-        share = end.shares * (end.weight / edge_sigma**2)
-        own = (end.slopes * share[:, None]).T @ end.slopes
-        toward = (end.slopes * share[:, None]).T @ end.offsets
-        # What frames scatter about the edge's own best place is no evidence against it.
-        best = float(toward @ np.linalg.solve(own + 1e-6 * np.trace(own) * np.eye(3) + 1e-9 * inverse, toward))
-        information[yes] += own
-        pull[yes] += toward
-        like += np.where(
-            yes,
-            np.log1p(-options.other_line) - 0.5 * np.log(2.0 * np.pi * edge_sigma**2 / end.weight) - 0.5 * best,
-            np.log(options.other_line) - np.log(options.other_reach),
-        )
+    shares = [end.shares * (end.weight / edge_sigma**2) for end in ends]
+    own = [(end.slopes * share[:, None]).T @ end.slopes for end, share in zip(ends, shares, strict=True)]
+    toward = [(end.slopes * share[:, None]).T @ end.offsets for end, share in zip(ends, shares, strict=True)]
+    information, pull = np.zeros((len(is_edge), 3, 3)), np.zeros((len(is_edge), 3))
+    for j in range(len(ends)):
+        information[is_edge[:, j]] += own[j]
+        pull[is_edge[:, j]] += toward[j]
     means, spreads, logs = [], [], []
     for factor, chance in ((1.0, 1.0 - options.model_wrong), (options.wrong_factor, options.model_wrong)):
-        spread = np.linalg.inv(information + inverse / factor**2)
+        prior = factor**2 * model
+        inverse = np.linalg.inv(prior)
+        spread = np.linalg.inv(information + inverse)
         mean = np.einsum("cij,cj->ci", spread, pull)
-        log = like + np.log(chance) - 3.0 * np.log(factor) + 0.5 * np.einsum("ci,ci->c", mean, pull) + 0.5 * np.linalg.slogdet(spread @ inverse)[1]
+        log = np.log(chance) + 0.5 * np.einsum("ci,ci->c", mean, pull) + 0.5 * np.linalg.slogdet(spread @ inverse)[1]
+        for j in range(len(ends)):
+            # Another line is as fixed in space as the edge, elsewhere: both explain what frames have in common, and differ by how far it is away.
+            elsewhere = np.linalg.inv(prior + other)
+            free = np.linalg.inv(own[j] + elsewhere)
+            alone = 0.5 * float(toward[j] @ free @ toward[j]) + 0.5 * float(np.linalg.slogdet(free @ elsewhere)[1])
+            log = log + np.where(is_edge[:, j], np.log1p(-options.other_line), np.log(options.other_line) + alone)
         if len(offsets):
             left = offsets - mean @ slopes.T
             both = slopes @ spread @ slopes.T + options.mark_sigma**2 * np.eye(len(offsets))
@@ -262,6 +280,11 @@ def _mixed(
 def _pixels_per_unit(jacobian: Float[np.ndarray, "rows 2 3"]) -> float:
     """In a typical frame."""
     return max(float(np.median(np.linalg.norm(jacobian, axis=(1, 2)))) / np.sqrt(2.0), 1e-12)
+
+
+def _floored(covariance: Float[np.ndarray, "3 3"], jacobian: Float[np.ndarray, "rows 2 3"], options: FusionOptions) -> Float[np.ndarray, "3 3"]:
+    """Nothing is surer than `FusionOptions.model_floor`."""
+    return covariance + (options.model_floor / _pixels_per_unit(jacobian)) ** 2 * np.eye(3)
 
 
 def _beyond(covariance: Float[np.ndarray, "3 3"], size: float) -> Float[np.ndarray, "3 3"]:
@@ -307,22 +330,22 @@ def fuse_frames(
     corner then takes its share of what is left at its own edges. Cauchy weights a line, so that lines that are wrong in one frame
     (a hand, a shadow) do not bend it.
 
-    base: corners as the clip has them; offset: of the lines from there. scale: of the lines' and the corners' own standard deviations (`frame_scale`).
+    base: corners as the clip has them; offset: of the lines from there. scale: of all three standard deviations (`frame_scale`).
     """
     num_rows, num_points = base.shape[:2]
     moved = base.copy()
-    own, line = (scale * options.corner_sigma) ** 2, (scale * options.line_sigma) ** 2
+    own, line, frame = (scale * options.corner_sigma) ** 2, (scale * options.line_sigma) ** 2, (scale * options.frame_sigma) ** 2
     spread = np.zeros((num_rows, num_points, 2, 2))
     spread[..., 0, 0] = spread[..., 1, 1] = own
     half = 0.5 * max(image_size)
     middle = 0.5 * np.array(image_size)
-    prior = np.eye(6) / options.frame_sigma**2
+    prior = np.eye(6) / frame
     found, weights = lines.found, lines.end_weight()
     for k in range(num_rows):
         used = np.nonzero(found[k])[0]
         if len(used) == 0:
-            spread[k, :, 0, 0] += options.frame_sigma**2
-            spread[k, :, 1, 1] += options.frame_sigma**2
+            spread[k, :, 0, 0] += frame
+            spread[k, :, 1, 1] += frame
             continue
         share = weights[k, used].reshape(-1)
         n = np.repeat(lines.normal[k, used], 2, axis=0)
