@@ -16,6 +16,8 @@ from planewright.tracking.tracks import State, Tracks
 
 LEAST_FRAMES = 5
 """Frames in which a corner must have been tracked."""
+MODEL_FLOOR = 0.3
+"""Standard deviation of a corner in the model that is always allowed for, pixels of a typical frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ def widened(covariance: Float[np.ndarray, "chosen 3 3"], shown: Shown, options: 
     """The model's covariances as lines are allowed to move corners from it (`fusion.refit_corners`)."""
     size = np.linalg.norm(shown.jacobian, axis=(2, 3)) / np.sqrt(2.0)
     typical = np.median(size, axis=0) if len(size) else np.ones(len(covariance))
-    return options.model_inflation**2 * covariance + (options.model_floor / np.maximum(typical, 1e-12))[:, None, None] ** 2 * np.eye(3)
+    return options.model_inflation**2 * covariance + (MODEL_FLOOR / np.maximum(typical, 1e-12))[:, None, None] ** 2 * np.eye(3)
 
 
 def what_frames_said(tracks: Tracks, scene: PlanarScene, cameras: Cameras, chosen: Int[np.ndarray, "chosen"], options: FusionOptions = FusionOptions()) -> Said:

@@ -19,7 +19,7 @@ from planewright.progress import Progress, silent, steps
 from planewright.sfm.cameras import Cameras
 from planewright.tracking.appearance import AppearanceOptions, uncovered
 from planewright.tracking.frame_lines import FrameLineOptions, frame_lines, measure_frame, view_edges
-from planewright.tracking.fusion import FrameLines, FusionOptions, MarkOffsets, disagreement, fuse_frames, refit_corners, usual_offset
+from planewright.tracking.fusion import FrameLines, FusionOptions, MarkOffsets, frame_scale, fuse_frames, refit_corners, usual_offset
 from planewright.tracking.patches import Patches, PatchOptions, lay_patches, sample_frame
 from planewright.tracking.tracks import State, Tracks
 from planewright.tracking.visibility import corner_visibility
@@ -94,10 +94,10 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
         shown = buffer(k)
         measured.append(measure_frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8), view, k, shown, options.lines))
         values[k], distance[k] = sample_frame(image, patches, cameras, int(rows[k]), usable[k], shown, tolerance)
-    scale = _smallest_scale(scene, patches, jacobian)
+    smallest = _smallest_scale(scene, patches, jacobian)
     sigma = _image_sigma(point_covariance, jacobian)
     turned = _turned(scene.points, cameras.centers[rows])
-    clear = uncovered(values, distance, patches.radius, patches.start, patches.corner, scale, sigma, turned, possible, marked, options.appearance) >= 0.5
+    clear = uncovered(values, distance, patches.radius, patches.start, patches.corner, smallest, sigma, turned, possible, marked, options.appearance) >= 0.5
     lines = _uncovered_lines(frame_lines(view, measured), clear)
     base, _, _ = _project(beside, cameras, rows)
     lines = replace(lines, offset=_beside(lines, predicted - base))
@@ -105,8 +105,8 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
     base, _, _ = _project(scene.points + shift, cameras, rows)
     left = _beside(lines, base - predicted)
     usual = usual_offset(lines, left)
-    moved, spread = fuse_frames(lines, base, left - usual, (width, height), options.fusion)
-    point_covariance *= disagreement(lines, usual, shift, jacobian, scene.point_covariance, options.fusion)[:, None, None]
+    scale = frame_scale(lines, left - usual, options.fusion)
+    moved, spread = fuse_frames(lines, base, left - usual, (width, height), options.fusion, scale)
     covariance = np.einsum("kpij,pjl,kpml->kpim", jacobian, point_covariance, jacobian) + spread + options.common_sigma**2 * np.eye(2)
     return _table(scene, cameras, rows, moved, covariance, possible & clear, depth, (width, height), options)
 
