@@ -62,9 +62,7 @@ def tracks_in_image(registered: Registered, sketch: Sketch, numbers: Sequence[in
     tracks = corner_tracks(registered, sketch, options)
     followed = set(tracks.point_index.tolist())
     taking_part = set(numbers)
-    marks = [
-        (i, frame, xy) for i, point in enumerate(sketch.points) if i not in followed for frame, xy in sorted(point.marks.items()) if frame in taking_part
-    ]
+    marks = [(i, frame, xy) for i, point in enumerate(sketch.points) if i not in followed for frame, xy in sorted(point.marks.items()) if frame in taking_part]
     count = len(marks)
     index = np.concatenate([tracks.point_index, np.array([i for i, _, _ in marks], dtype=np.int64)])
     frame = np.concatenate([tracks.frame, np.array([k for _, k, _ in marks], dtype=np.int64)])
