@@ -47,6 +47,31 @@ def test_one_drag_puts_a_face_right_that_was_measured_on_something_else(stage) -
     assert staged.errors(done.session, "l1").max() < 1.5
 
 
+def test_one_drag_takes_a_corner_off_a_face_that_it_was_wrongly_found_on(stage) -> None:
+    """An incidence is exact, so no mark outweighs it: it must be doubted as such."""
+    staged = stage(found=(("front", "l1"),))
+    assert np.median(staged.errors(staged.session, "l1")) > 10.0
+    done = correct(staged.session, Mark(PointId("l1"), 0, staged.at("l1", 0, (0.3, 0.3))))
+    assert np.median(staged.errors(done.session, "l1")) < 1.0
+    assert done.session.model is not None
+    basis, scene = done.session.model.structure.basis, done.session.model.structure.scene
+    assert basis is not None
+    assert [scene.face_row()["front"], scene.point_row()["l1"]] not in basis.incidences.tolist()
+    assert any("l1 had been taken to lie on front" in sentence for sentence in done.sentences)
+
+
+def test_a_mark_that_says_which_line_is_meant_moves_the_other_end_of_the_edge_as_well(stage) -> None:
+    """The window's sill was taken for a line that runs beside it: both its corners are off by the same."""
+    staged = stage(beside={("w0", "w1"): 12.0})
+    before = staged.session
+    assert min(np.median(staged.errors(before, point)) for point in ("w0", "w1")) > 5.0
+    done = correct(before, Mark(W0, 20, staged.at("w0", 20, (0.4, -0.3))))
+    assert max(np.median(staged.errors(done.session, point)) for point in ("w0", "w1")) < 0.8
+    assert "w1" in done.points
+    for other in ("w2", "w3", "a0", "b1"):
+        assert np.median(staged.errors(done.session, other)) < np.median(staged.errors(before, other)) + 0.3
+
+
 def test_incidences_and_relations_stay_exact(stage) -> None:
     wanted = (("orthogonal", "front", "side"), ("parallel", "front", "pane"))
     staged = stage(clicks={"a1": (3.0, -2.0)}, relations=wanted)
