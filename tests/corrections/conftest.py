@@ -46,7 +46,8 @@ class Staged:
 @pytest.fixture(scope="session")
 def stage(shed) -> Callable[..., Staged]:
     """`stage(clicks={point: pixels off}, plane={face: world units off}, relations=[(kind, face, face)], found=[(face, point)],
-    beside={(point, point): pixels off})`: `found` are incidences that hold nowhere but in the model, `beside` edges that were taken for a line beside them.
+    beside={(point, point): pixels off})`: `found` are incidences that hold nowhere but in the model, `beside` edges that were taken
+    for a line beside them; `sigma` is what tracks claim, pixels.
     """
 
     def stage(
@@ -55,8 +56,9 @@ def stage(shed) -> Callable[..., Staged]:
         relations: tuple[tuple[str, str, str], ...] = (),
         found: tuple[tuple[str, str], ...] = (),
         beside: Mapping[tuple[str, str], float] | None = None,
+        sigma: float = 0.45,
     ) -> Staged:
-        return _stage(shed, clicks or {}, plane or {}, relations, found, beside or {})
+        return _stage(shed, clicks or {}, plane or {}, relations, found, beside or {}, sigma)
 
     return stage
 
@@ -68,6 +70,7 @@ def _stage(
     wanted: tuple[tuple[str, str, str], ...],
     found: tuple[tuple[str, str], ...],
     beside: Mapping[tuple[str, str], float],
+    sigma: float,
 ) -> Staged:
     rng = np.random.default_rng(3)
     truth: PlanarScene = shed.scene
@@ -122,7 +125,7 @@ def _stage(
     )
     # Where faces and edges disagree about a corner, a run's sigmas say so.
     vague = [row[c] for face in sketch.faces if face.id in plane for c in face.corners]
-    session = Session(shed.frames, sketch, _tracks(shed, scene, rng, vague), Model(cameras, structure))
+    session = Session(shed.frames, sketch, _tracks(shed, scene, rng, vague, sigma), Model(cameras, structure))
     return Staged(session, shed.pixels(truth.points))
 
 
@@ -132,7 +135,7 @@ def _across(truth: PlanarScene, face: int, a: int, b: int) -> np.ndarray:
     return across / np.linalg.norm(across)
 
 
-def _tracks(shed, scene: PlanarScene, rng: np.random.Generator, vague: list[int]) -> Tracks:
+def _tracks(shed, scene: PlanarScene, rng: np.random.Generator, vague: list[int], sigma: float) -> Tracks:
     """The model's projection with a little noise, in the frames in which a corner can be seen or is hidden inside the image."""
     seen_at = shed.pixels(scene.points)
     _, visible, inside = true_tracks(shed.clip)
@@ -143,5 +146,5 @@ def _tracks(shed, scene: PlanarScene, rng: np.random.Generator, vague: list[int]
             state = State.MARKED if frame in point.marks else State.TRACKED if visible[ids.index(point.id), frame] else State.HIDDEN
             rows.append((i, frame, *(seen_at[frame, i] + rng.normal(0.0, 0.15, 2)), int(state)))
     table = np.array(rows)
-    covariance = np.where(np.isin(table[:, 0], vague), 1.2, 0.45)[:, None, None] ** 2 * np.eye(2)
+    covariance = np.where(np.isin(table[:, 0], vague), 1.2, sigma)[:, None, None] ** 2 * np.eye(2)
     return Tracks(table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2:4], covariance, table[:, 4].astype(int))

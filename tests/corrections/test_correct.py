@@ -62,12 +62,17 @@ def test_one_drag_takes_a_corner_off_a_face_that_it_was_wrongly_found_on(stage) 
 
 def test_a_mark_that_says_which_line_is_meant_moves_the_other_end_of_the_edge_as_well(stage) -> None:
     """The window's sill was taken for a line that runs beside it: both its corners are off by the same."""
-    staged = stage(beside={("w0", "w1"): 12.0})
+    staged = stage(beside={("w0", "w1"): 12.0}, sigma=0.15)
     before = staged.session
     assert min(np.median(staged.errors(before, point)) for point in ("w0", "w1")) > 5.0
     done = correct(before, Mark(W0, 20, staged.at("w0", 20, (0.4, -0.3))))
     assert max(np.median(staged.errors(done.session, point)) for point in ("w0", "w1")) < 0.8
     assert "w1" in done.points
+    assert done.session.model is not None
+    ends = {before.row(W0), before.row(PointId("w1"))}
+    sill = [line for line in done.session.model.structure.lines if {*line.edge} == ends]
+    assert sill
+    assert all(max(map(abs, line.offset)) < 1.5 * line.pixel for line in sill)
     for other in ("w2", "w3", "a0", "b1"):
         assert np.median(staged.errors(done.session, other)) < np.median(staged.errors(before, other)) + 0.3
 

@@ -242,7 +242,15 @@ def _edges_found(
     solved = with_lines(structure.scene, best, corner_lines(lines, scene.points), said, sorted(others), structure.relations, corner, options.explain)
     if solved is None or solved.off**2 > options.contradiction * options.mark_sigma**2:
         return None
-    return solved, lines, tuple(sorted(others))
+    moved = _scene_after(structure.scene, solved, corner)[0].points - scene.points
+    told = tuple(_from(line, moved) for line in lines)
+    return solved, told, tuple(sorted(others))
+
+
+def _from(line: EdgeLine, moved: Float[np.ndarray, "points 3"]) -> EdgeLine:
+    """A line with its offsets told from where its corners have moved to."""
+    first, second = (float(line.offset[end] - line.across @ moved[line.edge[end]]) for end in (0, 1))
+    return replace(line, offset=(first, second))
 
 
 def _by_itself(session: Session, model: Model, corner: int, mark: Mark, told: Placed, options: CorrectionOptions, carry: CarryOptions) -> Corrected:
