@@ -57,6 +57,7 @@ def test_one_drag_takes_a_corner_off_a_face_that_it_was_wrongly_found_on(stage) 
     basis, scene = done.session.model.structure.basis, done.session.model.structure.scene
     assert basis is not None
     assert [scene.face_row()["front"], scene.point_row()["l1"]] not in basis.incidences.tolist()
+    assert done.session.overruled == ("l1",)
     assert any("l1 had been taken to lie on front" in sentence for sentence in done.sentences)
 
 
