@@ -232,3 +232,58 @@ def test_a_mark_in_a_frame_called_hidden_uncovers_the_run_around_it(stage) -> No
     done = correct(replace(staged.session, tracks=covered), Mark(PointId("m3"), 20, staged.at("m3", 20)))
     rows = rows_of(done.session, "m3")
     assert not (rows.state[(rows.frame >= 15) & (rows.frame <= 25)] == State.HIDDEN).any()
+
+
+def without_place(staged, point: str) -> Session:
+    """A session in which no stage could place a point: its faces are not known either, and its track is its mark."""
+    session, row = staged.session, staged.session.row(PointId(point))
+    structure = session.model.structure
+    scene, basis = structure.scene, structure.basis
+    faces = np.isin(np.arange(len(scene.normals)), basis.incidences[basis.incidences[:, 1] == row, 0])
+    lost = np.arange(len(scene.points)) == row
+    evidence = basis.evidence
+    planes, lines = evidence.plane_points, evidence.lines
+    measured, drawn = ~faces[planes.face], lines.corner != row
+    less = replace(
+        evidence,
+        plane_points=type(planes)(planes.face[measured], planes.point[measured], planes.sigma[measured]),
+        lines=type(lines)(lines.corner[drawn], lines.direction[drawn], lines.offset[drawn], lines.sigma[drawn]),
+    )
+    unknown = replace(
+        scene,
+        points=np.where(lost[:, None], np.nan, scene.points),
+        point_known=scene.point_known & ~lost,
+        normals=np.where(faces[:, None], np.nan, scene.normals),
+        offsets=np.where(faces, np.nan, scene.offsets),
+        face_known=scene.face_known & ~faces,
+    )
+    tracks = session.tracks
+    keep = (tracks.point_index != row) | (tracks.state == State.MARKED)
+    few = Tracks(tracks.point_index[keep], tracks.frame[keep], tracks.xy[keep], tracks.covariance[keep], tracks.state[keep])
+    changed = replace(structure, scene=unknown, basis=replace(basis, evidence=less), lines=tuple(line for line in structure.lines if row not in line.edge))
+    return replace(session, tracks=few, model=replace(session.model, structure=changed))
+
+
+def test_one_mark_places_a_corner_that_no_stage_could_place(stage) -> None:
+    """Its first mark and this one, from elsewhere, meet in one place."""
+    staged = stage()
+    session = without_place(staged, "b0")
+    assert len(rows_of(session, "b0").frame) == 1
+    first = int(rows_of(session, "b0").frame[0])
+    frame = 0 if first > 20 else 39
+    done = correct(session, Mark(PointId("b0"), frame, staged.at("b0", frame, (0.4, -0.4))))
+    assert done.kind == "solved"
+    assert len(rows_of(done.session, "b0").frame) > 30
+    assert np.median(staged.errors(done.session, "b0")) < 1.5
+
+
+def test_a_corner_without_a_place_is_followed_from_a_mark_that_does_not_tell_where_it_is(stage) -> None:
+    """Two marks in frames side by side do not meet; the images carry them further."""
+    staged = stage()
+    session = without_place(staged, "w2")
+    first = int(rows_of(session, "w2").frame[0])
+    model = replace(session.model, structure=replace(session.model.structure, basis=None))
+    done = correct(replace(session, model=model), Mark(PointId("w2"), first + 1, staged.at("w2", first + 1)))
+    assert done.kind == "bridged"
+    assert len(done.frames) > 10
+    assert np.median(staged.errors(done.session, "w2")) < 1.5

@@ -8,7 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from planewright.arrays import Bool, Float, Int
-from planewright.corrections.bridge import BridgeOptions, bridged, bridged_at_once, bridges, replaced
+from planewright.corrections.bridge import BridgeOptions, bridged, bridged_at_once, bridges, followed, replaced
 from planewright.corrections.carry import (
     CarryOptions,
     Placed,
@@ -402,7 +402,7 @@ def _in_image(
     found = bridges(session, corner, mark, options.bridge)
     if preview is not unseen:
         preview(bridged_at_once(session, corner, mark, found, options.bridge))
-    rows = bridged(session, corner, mark, found, options.bridge, progress=progress)
+    rows = bridged(session, corner, mark, found, options.bridge, progress=progress) if found else followed(session, corner, mark, options.bridge)
     after = replace(session, tracks=replaced(session.tracks, rows))
     name = session.sketch.points[corner].id
     frames = np.unique(rows.frame)
@@ -410,7 +410,7 @@ def _in_image(
     sentences = [span]
     if session.model is not None and session.model.structure.basis is not None:
         sentences.insert(0, _contradiction(session, session.model, corner, mark, against))
-    kind: Kind = "bridged" if found else "noted"
+    kind: Kind = "bridged" if len(frames) > 1 else "noted"
     return Corrected(after, kind, (name,), frames, tuple(sentences))
 
 

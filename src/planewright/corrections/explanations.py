@@ -126,7 +126,8 @@ def explain(
         begin = _shifted(start, stands, corner, planes) if planes else start
         evidence = stands.evidence if said is None else _held_by(stands, said, resting_on(stands, lines, planes, sure))
         solution = solve_structure(begin, stands.incidences, evidence, stands.constraints, options.structure, scale=EvidenceScale(*stands.scale), held=held)
-        if solution.feasible and not (said is not None and _overturns(said, solution, sure, options)):
+        # What leaves the corner without a place explains nothing.
+        if solution.feasible and solution.point_known[corner] and not (said is not None and _overturns(said, solution, sure, options)):
             # What is left out fitted before, and would fit whatever it was measured on: it saves nothing to leave it out.
             fitted = whole - _price_now(start, replace(stands, evidence=_without_mark(stands.evidence)), options)
             price = 2.0 * solution.cost + fitted + options.price_of_edge * len(left) + options.price_of_plane * len(planes) + options.price_of_click * click
