@@ -74,8 +74,34 @@ def bridges(session: Session, corner: int, mark: Mark, options: BridgeOptions = 
             end = place[other] if free else session.straight(int(frames[other]), marks[int(frames[other])])
             from_other = place[span] + (end - place[other])
         forward, backward = (from_mark, from_other) if step > 0 else (from_other, from_mark)
-        out.append(Bridge(Gap(frames[span].astype(np.int64), forward, backward, _turned_patch(session, corner, frames[span])), free))
+        out.append(
+            Bridge(
+                Gap(frames[span].astype(np.int64), forward, backward, _turned_patch(session, corner, frames[span]), _other_ends(session, corner, frames[span])),
+                free,
+            )
+        )
     return tuple(out)
+
+
+def _other_ends(session: Session, corner: int, frames: Int[np.ndarray, "frames"]) -> Float[np.ndarray, "frames edges 2"] | None:
+    """Where the tracks have the other ends of the edges drawn at a corner, in the pixels of the session's frames; None where no edge is drawn there."""
+    row = {point.id: i for i, point in enumerate(session.sketch.points)}
+    name = session.sketch.points[corner].id
+    pairs = {frozenset(edge) for edge in session.sketch.edges}
+    if not pairs:
+        pairs = {frozenset(pair) for face in session.sketch.faces for pair in zip(face.loop, (*face.loop[1:], face.loop[0]), strict=True)}
+    others = sorted(row[end] for pair in pairs if name in pair for end in pair if end != name)
+    if not others:
+        return None
+    ends = np.full((len(frames), len(others), 2), np.nan)
+    tracks = session.tracks
+    for e, other in enumerate(others):
+        mine = np.flatnonzero((tracks.point_index == other) & np.isin(tracks.frame, frames))
+        at = np.searchsorted(frames, tracks.frame[mine])
+        ends[at, e] = [session.straight(int(f), (float(x), float(y))) for f, (x, y) in zip(tracks.frame[mine], tracks.xy[mine], strict=True)] or np.zeros(
+            (0, 2)
+        )
+    return ends
 
 
 def _turned_patch(session: Session, corner: int, frames: Int[np.ndarray, "frames"]) -> Float[np.ndarray, "frames 2 2"] | None:
