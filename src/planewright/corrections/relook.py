@@ -76,11 +76,16 @@ def lines_again(
     known = scene.points[scene.point_known]
     count = len(known)
     around = ScenePoints(known, np.arange(count), np.zeros((count, 3, 3)), np.zeros((count, 2), dtype=np.int64))
-    views = load_views(frames, these, around, (), ViewOptions(max_views=options.frames))
     normals = np.where(scene.face_known[:, None], scene.normals, np.nan)
     points = np.where(scene.point_known[:, None], scene.points, np.nan)
-    owners = owners_in_views(views, polygons_of(scene.sketch, points, normals, np.where(scene.face_known, scene.offsets, np.nan)))
-    return tuple(measure_edges(views, wanted, scene.points, anchor, scene.normals, owners, options.edges))
+    polygons = polygons_of(scene.sketch, points, normals, np.where(scene.face_known, scene.offsets, np.nan))
+    # Grey first: colour costs more time than all the rest, and is needed only where brick meets soil that is as bright.
+    for color in (False, True):
+        views = load_views(frames, these, around, (), ViewOptions(max_views=options.frames, color=color))
+        lines = measure_edges(views, wanted, scene.points, anchor, scene.normals, owners_in_views(views, polygons), options.edges)
+        if lines:
+            return tuple(lines)
+    return ()
 
 
 def look_again(
