@@ -47,6 +47,37 @@ def test_one_drag_puts_a_face_right_that_was_measured_on_something_else(stage) -
     assert staged.errors(done.session, "l1").max() < 1.5
 
 
+def test_one_drag_takes_a_corner_off_a_face_that_it_was_wrongly_found_on(stage) -> None:
+    """An incidence is exact, so no mark outweighs it: it must be doubted as such."""
+    staged = stage(found=(("front", "l1"),))
+    assert np.median(staged.errors(staged.session, "l1")) > 10.0
+    done = correct(staged.session, Mark(PointId("l1"), 0, staged.at("l1", 0, (0.3, 0.3))))
+    assert np.median(staged.errors(done.session, "l1")) < 1.0
+    assert done.session.model is not None
+    basis, scene = done.session.model.structure.basis, done.session.model.structure.scene
+    assert basis is not None
+    assert [scene.face_row()["front"], scene.point_row()["l1"]] not in basis.incidences.tolist()
+    assert done.session.overruled == ("l1",)
+    assert any("l1 had been taken to lie on front" in sentence for sentence in done.sentences)
+
+
+def test_a_mark_that_says_which_line_is_meant_moves_the_other_end_of_the_edge_as_well(stage) -> None:
+    """The window's sill was taken for a line that runs beside it: both its corners are off by the same."""
+    staged = stage(beside={("w0", "w1"): 12.0}, sigma=0.15)
+    before = staged.session
+    assert min(np.median(staged.errors(before, point)) for point in ("w0", "w1")) > 5.0
+    done = correct(before, Mark(W0, 20, staged.at("w0", 20, (0.4, -0.3))))
+    assert max(np.median(staged.errors(done.session, point)) for point in ("w0", "w1")) < 0.8
+    assert "w1" in done.points
+    assert done.session.model is not None
+    ends = {before.row(W0), before.row(PointId("w1"))}
+    sill = [line for line in done.session.model.structure.lines if {*line.edge} == ends]
+    assert sill
+    assert all(max(map(abs, line.offset)) < 1.5 * line.pixel for line in sill)
+    for other in ("w2", "w3", "a0", "b1"):
+        assert np.median(staged.errors(done.session, other)) < np.median(staged.errors(before, other)) + 0.3
+
+
 def test_incidences_and_relations_stay_exact(stage) -> None:
     wanted = (("orthogonal", "front", "side"), ("parallel", "front", "pane"))
     staged = stage(clicks={"a1": (3.0, -2.0)}, relations=wanted)
@@ -201,3 +232,58 @@ def test_a_mark_in_a_frame_called_hidden_uncovers_the_run_around_it(stage) -> No
     done = correct(replace(staged.session, tracks=covered), Mark(PointId("m3"), 20, staged.at("m3", 20)))
     rows = rows_of(done.session, "m3")
     assert not (rows.state[(rows.frame >= 15) & (rows.frame <= 25)] == State.HIDDEN).any()
+
+
+def without_place(staged, point: str) -> Session:
+    """A session in which no stage could place a point: its faces are not known either, and its track is its mark."""
+    session, row = staged.session, staged.session.row(PointId(point))
+    structure = session.model.structure
+    scene, basis = structure.scene, structure.basis
+    faces = np.isin(np.arange(len(scene.normals)), basis.incidences[basis.incidences[:, 1] == row, 0])
+    lost = np.arange(len(scene.points)) == row
+    evidence = basis.evidence
+    planes, lines = evidence.plane_points, evidence.lines
+    measured, drawn = ~faces[planes.face], lines.corner != row
+    less = replace(
+        evidence,
+        plane_points=type(planes)(planes.face[measured], planes.point[measured], planes.sigma[measured]),
+        lines=type(lines)(lines.corner[drawn], lines.direction[drawn], lines.offset[drawn], lines.sigma[drawn]),
+    )
+    unknown = replace(
+        scene,
+        points=np.where(lost[:, None], np.nan, scene.points),
+        point_known=scene.point_known & ~lost,
+        normals=np.where(faces[:, None], np.nan, scene.normals),
+        offsets=np.where(faces, np.nan, scene.offsets),
+        face_known=scene.face_known & ~faces,
+    )
+    tracks = session.tracks
+    keep = (tracks.point_index != row) | (tracks.state == State.MARKED)
+    few = Tracks(tracks.point_index[keep], tracks.frame[keep], tracks.xy[keep], tracks.covariance[keep], tracks.state[keep])
+    changed = replace(structure, scene=unknown, basis=replace(basis, evidence=less), lines=tuple(line for line in structure.lines if row not in line.edge))
+    return replace(session, tracks=few, model=replace(session.model, structure=changed))
+
+
+def test_one_mark_places_a_corner_that_no_stage_could_place(stage) -> None:
+    """Its first mark and this one, from elsewhere, meet in one place."""
+    staged = stage()
+    session = without_place(staged, "b0")
+    assert len(rows_of(session, "b0").frame) == 1
+    first = int(rows_of(session, "b0").frame[0])
+    frame = 0 if first > 20 else 39
+    done = correct(session, Mark(PointId("b0"), frame, staged.at("b0", frame, (0.4, -0.4))))
+    assert done.kind == "solved"
+    assert len(rows_of(done.session, "b0").frame) > 30
+    assert np.median(staged.errors(done.session, "b0")) < 1.5
+
+
+def test_a_corner_without_a_place_is_followed_from_a_mark_that_does_not_tell_where_it_is(stage) -> None:
+    """Two marks in frames side by side do not meet; the images carry them further."""
+    staged = stage()
+    session = without_place(staged, "w2")
+    first = int(rows_of(session, "w2").frame[0])
+    model = replace(session.model, structure=replace(session.model.structure, basis=None))
+    done = correct(replace(session, model=model), Mark(PointId("w2"), first + 1, staged.at("w2", first + 1)))
+    assert done.kind == "bridged"
+    assert len(done.frames) > 10
+    assert np.median(staged.errors(done.session, "w2")) < 1.5

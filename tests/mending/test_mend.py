@@ -1,7 +1,7 @@
 """A patch that moves over a textured background on a known curve; traces that drift, jump, or both."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -143,3 +143,29 @@ def test_two_frames_are_just_their_anchors() -> None:
     truth = curve(2)
     mended = mend(Moving(truth), gap_of(truth, np.zeros((2, 2))))
     np.testing.assert_array_equal(mended.xy, truth)
+
+
+@dataclass(frozen=True, eq=False)
+class Plain(Moving):
+    """The upper left corner of a plain grey square before a plain wall that darkens and brightens, so that the look of an anchor says little."""
+
+    def gray(self, numbers: Sequence[int]) -> Iterator[tuple[int, np.ndarray]]:
+        y, x = np.mgrid[0:240, 0:320] + 0.5
+        for number in numbers:
+            u, v = self.truth[number]
+            inside = np.clip(x - u + 0.5, 0, 1) * np.clip(y - v + 0.5, 0, 1) * np.clip(u + 90.5 - x, 0, 1) * np.clip(v + 90.5 - y, 0, 1)
+            noise = np.random.default_rng([self.seed, number]).normal(0, 6.0, inside.shape)
+            yield number, np.clip(150 - 25 * inside + noise, 0, 255).astype(np.uint8)
+
+
+def test_edges_guide_a_path_where_its_surroundings_hardly_do() -> None:
+    truth = curve()
+    wrong = 4.0 * np.sin(np.linspace(0.0, np.pi, COUNT))[:, None] * np.array([1.0, -0.8])
+    gap = gap_of(truth, wrong)
+    ends = truth[:, None] + np.array([[90.0, 0.0], [0.0, 90.0]])
+
+    def error(of: Gap) -> float:
+        return float(np.median(np.linalg.norm(mend(Plain(truth), of).xy - truth, axis=1)))
+
+    assert error(replace(gap, ends=ends)) < 0.7 * error(gap)
+    assert error(replace(gap, ends=np.full_like(ends, np.nan))) == error(gap)

@@ -11,6 +11,7 @@ from planewright.corrections.session import Mark, Session
 from planewright.geometry.plane import tangent_basis
 from planewright.mending.gap import Gap, blend
 from planewright.mending.mend import MendOptions, mend
+from planewright.mending.trace import TraceOptions, trace
 from planewright.progress import Progress, silent
 from planewright.tracking.tracks import State, Tracks
 
@@ -30,6 +31,10 @@ class BridgeOptions:
     """Standard deviation of the mark itself."""
     mend: MendOptions = field(default_factory=MendOptions)
     """How the way between two marks is found."""
+    trace: TraceOptions = field(default_factory=TraceOptions)
+    """How a point that has no track is followed from its marks."""
+    drift: float = 0.15
+    """Standard deviation (pixels) that each frame adds to such a trace. Drift has one sense, so it grows with the number of frames. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +74,34 @@ def bridges(session: Session, corner: int, mark: Mark, options: BridgeOptions = 
             end = place[other] if free else session.straight(int(frames[other]), marks[int(frames[other])])
             from_other = place[span] + (end - place[other])
         forward, backward = (from_mark, from_other) if step > 0 else (from_other, from_mark)
-        out.append(Bridge(Gap(frames[span].astype(np.int64), forward, backward, _turned_patch(session, corner, frames[span])), free))
+        out.append(
+            Bridge(
+                Gap(frames[span].astype(np.int64), forward, backward, _turned_patch(session, corner, frames[span]), _other_ends(session, corner, frames[span])),
+                free,
+            )
+        )
     return tuple(out)
+
+
+def _other_ends(session: Session, corner: int, frames: Int[np.ndarray, "frames"]) -> Float[np.ndarray, "frames edges 2"] | None:
+    """Where the tracks have the other ends of the edges drawn at a corner, in the pixels of the session's frames; None where no edge is drawn there."""
+    row = {point.id: i for i, point in enumerate(session.sketch.points)}
+    name = session.sketch.points[corner].id
+    pairs = {frozenset(edge) for edge in session.sketch.edges}
+    if not pairs:
+        pairs = {frozenset(pair) for face in session.sketch.faces for pair in zip(face.loop, (*face.loop[1:], face.loop[0]), strict=True)}
+    others = sorted(row[end] for pair in pairs if name in pair for end in pair if end != name)
+    if not others:
+        return None
+    ends = np.full((len(frames), len(others), 2), np.nan)
+    tracks = session.tracks
+    for e, other in enumerate(others):
+        mine = np.flatnonzero((tracks.point_index == other) & np.isin(tracks.frame, frames))
+        at = np.searchsorted(frames, tracks.frame[mine])
+        ends[at, e] = [session.straight(int(f), (float(x), float(y))) for f, (x, y) in zip(tracks.frame[mine], tracks.xy[mine], strict=True)] or np.zeros(
+            (0, 2)
+        )
+    return ends
 
 
 def _turned_patch(session: Session, corner: int, frames: Int[np.ndarray, "frames"]) -> Float[np.ndarray, "frames 2 2"] | None:
@@ -96,6 +127,41 @@ def _turned_patch(session: Session, corner: int, frames: Int[np.ndarray, "frames
     if (np.linalg.cond(turned) > LARGEST_SLANT).any():
         return None
     return turned @ np.linalg.inv(turned[0])
+
+
+def followed(session: Session, corner: int, mark: Mark, options: BridgeOptions = BridgeOptions()) -> Tracks:
+    """Rows of a point without a track: followed in the images from the mark to both sides, up to its next marks or until it is lost. Where the trace from
+    the mark and the one from its neighbour pass each other, the way between them is mended.
+    """
+    numbers = np.array(session.frames.numbers, dtype=np.int64)
+    marks = session.sketch.points[corner].marks
+    at = int(np.searchsorted(numbers, mark.frame))
+    here = session.straight(mark.frame, mark.xy)
+    parts: list[Tracks] = []
+    for step in (-1, 1):
+        way = numbers[at::step]
+        others = [k for k, number in enumerate(way.tolist()) if k and number in marks]
+        count = others[0] + 1 if others else len(way)
+        way = way[:count]
+        if count < 2:
+            continue
+        out, known = trace(session.frames, way.tolist(), here, options.trace)
+        spread = (options.drift * np.arange(count, dtype=np.float64)) ** 2
+        if others:
+            last = int(way[-1])
+            back, known_back = trace(session.frames, way[::-1].tolist(), session.straight(last, marks[last]), options.trace)
+            back, known_back = back[::-1], known_back[::-1]
+            if known.sum() + known_back.sum() > count:
+                order = slice(None) if step > 0 else slice(None, None, -1)
+                meet = np.where(known[:, None], out, back), np.where(known_back[:, None], back, out)
+                mended = mend(session.frames, Gap(way[order].copy(), *(m[order].copy() for m in (meet if step > 0 else meet[::-1]))), options.mend)
+                parts.append(_rows(session, corner, way[order], mended.xy, mended.covariance))
+                continue
+            out, spread = np.where(known_back[:, None], back, out), np.where(known_back, spread[::-1], spread)
+            known = known | known_back
+        covariance = (options.mark_sigma**2 + spread)[:, None, None] * np.eye(2)
+        parts.append(_rows(session, corner, way[known], out[known], covariance[known]))
+    return _with_mark(session, corner, mark, parts, options)
 
 
 def bridged_at_once(session: Session, corner: int, mark: Mark, found: tuple[Bridge, ...], options: BridgeOptions = BridgeOptions()) -> Tracks:

@@ -8,7 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from planewright.arrays import Bool, Float, Int
-from planewright.corrections.bridge import BridgeOptions, bridged, bridged_at_once, bridges, replaced
+from planewright.corrections.bridge import BridgeOptions, bridged, bridged_at_once, bridges, followed, replaced
 from planewright.corrections.carry import (
     CarryOptions,
     Placed,
@@ -22,8 +22,8 @@ from planewright.corrections.carry import (
     unhidden_frames,
     with_a_mark,
 )
-from planewright.corrections.explanations import ExplainOptions, Explanation, alone_at, explain, present_price, reach, resting_on, with_marks
-from planewright.corrections.relook import RelookOptions, look_again, place_by_marks
+from planewright.corrections.explanations import ExplainOptions, Explanation, alone_at, explain, present_price, reach, resting_on, with_lines, with_marks
+from planewright.corrections.relook import RelookOptions, lines_again, look_again, place_by_marks
 from planewright.corrections.said import Said, what_frames_said
 from planewright.corrections.session import Mark, Model, Session, with_mark
 from planewright.errors import UsageError
@@ -33,6 +33,7 @@ from planewright.planes.planar_scene import PlanarScene
 from planewright.progress import Progress, silent
 from planewright.sfm.cameras import Cameras
 from planewright.sketch.graph import PointId
+from planewright.tracking.edges import Anchor, EdgeLine, corner_lines
 from planewright.tracking.follow import follow_corners
 from planewright.tracking.tracks import State, Tracks
 
@@ -54,6 +55,9 @@ class CorrectionOptions:
     """A mark that the best explanation still misses by more than this (chi-square with two degrees of freedom, 0.1 %) contradicts the model."""
     price_of_model: float = 60.0
     """And so does one whose best explanation adds more than this to twice the cost: the mark would have to outweigh half a dozen things that agree. Chosen."""
+    other_line: float = 1.5
+    """An edge that is found further than this from where a corner is (pixels in a view that sees it well) is another line there: a line's own error is
+    .3 pixels, that of a click 1."""
     first_frames: int = 30
     """Frames around the mark that are shown first."""
     explain: ExplainOptions = field(default_factory=ExplainOptions)
@@ -187,23 +191,67 @@ def _in_space(session: Session, model: Model, corner: int, mark: Mark, options: 
         if alone is not None:
             return _by_itself(session, model, corner, mark, Placed(corner, *alone), options, carry)
         return _in_image(session, corner, mark, options, preview, progress, against=best)
+    seen = _seen_rows(session.tracks, cameras, corner)
+    others: tuple[int, ...] = ()
+    lines = tuple(line for line in structure.lines if line.edge not in best.edges)
+    if best.edges:
+        found = _edges_found(session, model, best, corner, held, seen, options)
+        if found is not None:
+            best, new_lines, others = found
+            lines = (*lines, *new_lines)
     after, moved = _scene_after(scene, best, corner)
-    unseated = np.isin(np.arange(len(scene.points)), resting_on(best.basis, structure.lines, best.faces, certain))
+    unseated = np.isin(np.arange(len(scene.points)), [*resting_on(best.basis, structure.lines, best.faces, certain), *others])
     unseated[corner] = wrong
     if told is None and after.point_known[corner]:
         points = scene.points.copy()
         points[near] = said.place
-        seen = _seen_rows(session.tracks, cameras, corner)
+        points[list(others)] = after.points[list(others)]
         again = look_again(session.frames, after, cameras, points, corner, seen, model.corners, options.relook)
         told = Placed(corner, again.place, again.covariance) if again.edges else None
     rows = carry_tracks(session.tracks, scene, after, cameras, moved, carry, doubted=unseated, placed=told)
     tracks = joined([taken(session.tracks, ~moved[session.tracks.point_index]), rows])
     tracks = _as_marked(tracks, session.tracks, after, cameras, corner, mark, options, carry)
-    changed = replace(structure, scene=after, basis=best.basis, lines=tuple(line for line in structure.lines if line.edge not in best.edges))
-    final = replace(session, tracks=tracks, model=replace(model, structure=changed))
+    changed = replace(structure, scene=after, basis=best.basis, lines=lines)
+    overruled = tuple(session.sketch.points[point].id for _, point in best.incidences)
+    final = replace(session, tracks=tracks, model=replace(model, structure=changed), overruled=(*session.overruled, *overruled))
     progress("Correcting", 2, 2)
     points_moved = tuple(session.sketch.points[i].id for i in np.flatnonzero(moved))
     return Corrected(final, "moved" if best.alone else "solved", points_moved, np.unique(rows.frame), _told(session, best, corner))
+
+
+def _edges_found(
+    session: Session, model: Model, best: Explanation, corner: int, said: CornerPriors, seen: Int[np.ndarray, "seen"], options: CorrectionOptions
+) -> tuple[Explanation, tuple[EdgeLine, ...], tuple[int, ...]] | None:
+    """The explanation with the lines that its edges are now found to be, solved with them: the other ends of these edges follow. Also these lines, and the
+    other ends whose frames looked along the wrong line as well. None where no line is found that the mark agrees with.
+    """
+    structure = model.structure
+    scene = _scene_after(structure.scene, best, corner)[0]
+    known = structure.anchor if structure.anchor is not None else Anchor(structure.scene.points, structure.scene.point_covariance)
+    only = np.arange(len(scene.points)) == corner
+    anchor = Anchor(np.where(only[:, None], scene.points, known.points), np.where(only[:, None, None], scene.point_covariance, known.covariance))
+    lines = lines_again(session.frames, scene, model.cameras, anchor, best.edges, seen, options.relook)
+    lines = tuple(line for line in lines if abs(line.offset[line.edge.index(corner)]) <= options.other_line * line.pixel)
+    if not lines:
+        return None
+    others = {
+        line.edge[1 - end]
+        for line in lines
+        for end in (line.edge.index(corner),)
+        if abs(line.offset[1 - end]) > options.other_line * line.pixel + 3.0 * line.sigma[1 - end]
+    }
+    solved = with_lines(structure.scene, best, corner_lines(lines, scene.points), said, sorted(others), structure.relations, corner, options.explain)
+    if solved is None or solved.off**2 > options.contradiction * options.mark_sigma**2:
+        return None
+    moved = _scene_after(structure.scene, solved, corner)[0].points - scene.points
+    told = tuple(_from(line, moved) for line in lines)
+    return solved, told, tuple(sorted(others))
+
+
+def _from(line: EdgeLine, moved: Float[np.ndarray, "points 3"]) -> EdgeLine:
+    """A line with its offsets told from where its corners have moved to."""
+    first, second = (float(line.offset[end] - line.across @ moved[line.edge[end]]) for end in (0, 1))
+    return replace(line, offset=(first, second))
 
 
 def _by_itself(session: Session, model: Model, corner: int, mark: Mark, told: Placed, options: CorrectionOptions, carry: CarryOptions) -> Corrected:
@@ -354,7 +402,7 @@ def _in_image(
     found = bridges(session, corner, mark, options.bridge)
     if preview is not unseen:
         preview(bridged_at_once(session, corner, mark, found, options.bridge))
-    rows = bridged(session, corner, mark, found, options.bridge, progress=progress)
+    rows = bridged(session, corner, mark, found, options.bridge, progress=progress) if found else followed(session, corner, mark, options.bridge)
     after = replace(session, tracks=replaced(session.tracks, rows))
     name = session.sketch.points[corner].id
     frames = np.unique(rows.frame)
@@ -362,7 +410,7 @@ def _in_image(
     sentences = [span]
     if session.model is not None and session.model.structure.basis is not None:
         sentences.insert(0, _contradiction(session, session.model, corner, mark, against))
-    kind: Kind = "bridged" if found else "noted"
+    kind: Kind = "bridged" if len(frames) > 1 else "noted"
     return Corrected(after, kind, (name,), frames, tuple(sentences))
 
 
@@ -400,6 +448,8 @@ def _told(session: Session, best: Explanation, corner: int) -> tuple[str, ...]:
     if best.edges:
         ends = [f"{sketch.points[a].id}-{sketch.points[b].id}" for a, b in best.edges]
         out.append(f"The line that had been taken for {_listed(ends)} did not agree with your mark and was left out.")
+    for face, point in best.incidences:
+        out.append(f"{sketch.points[point].id} had been taken to lie on {sketch.faces[face].id} as well; that did not agree with your mark and was left out.")
     if best.click:
         out.append(f"The first mark of {name} did not agree with this one and was left out.")
     return tuple(out)

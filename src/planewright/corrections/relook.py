@@ -1,7 +1,7 @@
 """The edges at one corner measured again, from where a mark puts the corner."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,13 +10,16 @@ from planewright.corrections.explanations import meeting, ray_of
 from planewright.corrections.said import show
 from planewright.geometry.plane import tangent_basis
 from planewright.geometry.raster import face_buffer
+from planewright.lifting.views import ViewOptions, load_views
 from planewright.planes.evidence import CornerMarks
 from planewright.planes.planar_scene import PlanarScene
 from planewright.planes.polygons import polygons_of
-from planewright.sfm.cameras import Cameras
+from planewright.sfm.cameras import Cameras, ScenePoints
+from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, drawn_edges, measure_edges
 from planewright.tracking.follow import CornerOptions
 from planewright.tracking.frame_lines import EdgeView, frame_lines, measure_frame, view_edges
 from planewright.tracking.fusion import FrameLines, MarkOffsets, refit_corners
+from planewright.tracking.visibility import owners_in_views
 from planewright.video.frames import Frames
 
 
@@ -30,6 +33,8 @@ class RelookOptions:
     """Looks; each starts where the one before ended."""
     least_frames: int = 5
     """Frames in which an edge must be found."""
+    edges: EdgeOptions = field(default_factory=EdgeOptions)
+    """How an edge that was another line is found anew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +45,47 @@ class Relooked:
     covariance: Float[np.ndarray, "3 3"]
     edges: tuple[tuple[int, int], ...]
     """Edges (rows of their points) that were found again."""
+
+
+def lines_again(
+    frames: Frames,
+    scene: PlanarScene,
+    cameras: Cameras,
+    anchor: Anchor,
+    edges: Sequence[tuple[int, int]],
+    seen: Int[np.ndarray, "seen"],
+    options: RelookOptions = RelookOptions(),
+) -> tuple[EdgeLine, ...]:
+    """Some drawn edges found anew in strips (`tracking.edges`), in each of their faces: a mark says that they are not the lines that were taken for them.
+
+    Args:
+        frames: straight.
+        scene: the model after the mark.
+        anchor: corners as marks and planes alone give them, the new mark among them: it says which of several parallel lines is meant, at both ends.
+        seen: rows of the cameras in which the marked corner is thought to be seen, increasing.
+    """
+    wanted = [
+        (f, a, b)
+        for f, a, b in drawn_edges(scene.sketch)
+        if (min(a, b), max(a, b)) in edges and scene.face_known[f] and scene.point_known[a] and scene.point_known[b]
+    ]
+    if not wanted or len(seen) < options.least_frames:
+        return ()
+    rows = seen[np.unique(np.linspace(0, len(seen) - 1, min(options.frames, len(seen))).round().astype(int))]
+    these = replace(cameras, posed=np.isin(np.arange(len(cameras.frame)), rows))
+    known = scene.points[scene.point_known]
+    count = len(known)
+    around = ScenePoints(known, np.arange(count), np.zeros((count, 3, 3)), np.zeros((count, 2), dtype=np.int64))
+    normals = np.where(scene.face_known[:, None], scene.normals, np.nan)
+    points = np.where(scene.point_known[:, None], scene.points, np.nan)
+    polygons = polygons_of(scene.sketch, points, normals, np.where(scene.face_known, scene.offsets, np.nan))
+    # Grey first: colour costs more time than all the rest, and is needed only where brick meets soil that is as bright.
+    for color in (False, True):
+        views = load_views(frames, these, around, (), ViewOptions(max_views=options.frames, color=color))
+        lines = measure_edges(views, wanted, scene.points, anchor, scene.normals, owners_in_views(views, polygons), options.edges)
+        if lines:
+            return tuple(lines)
+    return ()
 
 
 def look_again(

@@ -60,6 +60,8 @@ class Session:
     """The corrections made so far, in their order."""
     looks: tuple[Look, ...] = ()
     """Where a person looked and saw nothing wrong, in their order."""
+    overruled: tuple[PointId, ...] = ()
+    """Corners that were wrongly found to lie on faces of which they were not drawn a corner, as marks told."""
 
     def row(self, point: PointId) -> int:
         """The sketch's row of a point. Raises UsageError."""

@@ -27,6 +27,8 @@ class ViewOptions:
     """Larger frames are reduced to this many pixels (bilinear over areas)."""
     blur: float = 0.7
     """Gaussian blur of the kept frames against sensor and coding noise, pixels (sigma)."""
+    color: bool = True
+    """Whether colour is looked at as well. Grey frames that somebody keeps are at hand, colour must be decoded: .2 s for two dozen frames of 960x540."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +84,8 @@ def load_views(
     wanted = sorted({*spread.tolist(), *(f for f in needed if cameras.row(f) is not None)})
     rows = np.array([cameras.row(f) for f in wanted])
     images = np.empty((len(wanted), size[1], size[0]), np.uint8)
-    chroma = np.empty((len(wanted), 2, max(size[1] // 2, 1), max(size[0] // 2, 1)), np.uint8)
-    for k, (_, image) in enumerate(steps(frames.color(wanted), "Loading views", progress, total=len(wanted))):
+    chroma = np.full((len(wanted), 2, max(size[1] // 2, 1), max(size[0] // 2, 1)), 128, np.uint8)
+    for k, (_, image) in enumerate(steps(frames.color(wanted if options.color else []), "Loading views", progress, total=len(wanted))):
         half = cv2.resize(image, chroma.shape[:1:-1], interpolation=cv2.INTER_AREA)
         chroma[k] = cv2.cvtColor(half, cv2.COLOR_RGB2YCrCb)[:, :, 1:].transpose(2, 0, 1)
     for k, (_, image) in enumerate(steps(frames.gray(wanted), "Loading views", progress, total=len(wanted))):

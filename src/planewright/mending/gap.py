@@ -19,8 +19,8 @@ class Gap:
     """Trace from the last anchor back; its last row is the anchor."""
     affine: Float[np.ndarray, "frames 2 2"] | None = None
     """How the surroundings of the point are turned and scaled against the first frame (2x2, applied to offsets in the first frame); None: not at all."""
-    lines: Float[np.ndarray, "frames lines 4"] | None = None
-    """Edges at the point as found in each frame: unit normal, offset (normal . x = offset), weight; weight 0 where an edge was not found."""
+    ends: Float[np.ndarray, "frames edges 2"] | None = None
+    """Where the other ends of the point's edges are in each frame, pixels; NaN where one is not known. None: the edges are not looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from planewright.planes.planar_scene import PlanarScene
 from planewright.refine.rounds import Structure
 from planewright.relations.relation import Relation
 from planewright.sfm.cameras import Cameras
+from planewright.sketch.graph import Sketch
 from planewright.tracking.tracks import State, Tracks
 from planewright.video.clip import ClipInfo
 
@@ -88,18 +89,12 @@ def document(result: Result) -> dict[str, Any]:
     return {
         "format": "planewright-reconstruction",
         "version": 1,
-        "clip": {
-            "name": result.clip.name,
-            "sha256": result.clip.sha256,
-            "image_size": list(result.clip.image_size),
-            "num_frames": result.clip.num_frames,
-            "fps": result.clip.fps,
-        },
+        "clip": clip_entry(result.clip),
         **({"unit": result.model.unit} if result.model.unit is not None else {}),
         "camera": _camera(result.cameras),
         "frames": list(_frames(result.cameras)),
         "points": list(_points(scene)),
-        "tracks": _tracks(result.tracks, scene),
+        "tracks": track_entries(result.tracks, scene.sketch),
         "faces": list(_faces(scene)),
         "adjacency": [
             {"faces": list(pair.faces), "edge": list(pair.edge), "dihedral_deg": pair.dihedral_deg, "sigma_deg": pair.sigma_deg}
@@ -159,8 +154,14 @@ def _points(scene: PlanarScene) -> Iterator[dict[str, Any]]:
         yield {"id": scene.sketch.points[i].id, "xyz": scene.points[i].tolist(), "sigma": sigma}
 
 
-def _tracks(tracks: Tracks, scene: PlanarScene) -> dict[str, dict[str, Any]]:
-    document: dict[str, dict[str, Any]] = {point.id: {} for point in scene.sketch.points}
+def clip_entry(clip: ClipInfo) -> dict[str, Any]:
+    """Which clip a file is about."""
+    return {"name": clip.name, "sha256": clip.sha256, "image_size": list(clip.image_size), "num_frames": clip.num_frames, "fps": clip.fps}
+
+
+def track_entries(tracks: Tracks, sketch: Sketch) -> dict[str, dict[str, Any]]:
+    """Point -> frame -> what is claimed there; points without a claim are left out."""
+    document: dict[str, dict[str, Any]] = {point.id: {} for point in sketch.points}
     eigenvalues = np.linalg.eigvalsh(np.where(np.isfinite(tracks.covariance), tracks.covariance, 0.0)) if len(tracks.frame) else np.zeros((0, 2))
     sigma = np.sqrt(np.maximum(eigenvalues[:, -1], 0.0))
     known = np.isfinite(tracks.covariance).all(axis=(1, 2)) & (sigma > 0)
@@ -169,7 +170,7 @@ def _tracks(tracks: Tracks, scene: PlanarScene) -> dict[str, dict[str, Any]]:
         if known[k]:
             (xx, xy), (_, yy) = tracks.covariance[k].tolist()
             entry |= {"sigma": float(sigma[k]), "cov": [xx, xy, yy]}
-        document[scene.sketch.points[int(tracks.point_index[k])].id][str(int(tracks.frame[k]))] = entry
+        document[sketch.points[int(tracks.point_index[k])].id][str(int(tracks.frame[k]))] = entry
     return {point: entries for point, entries in document.items() if entries}
 
 

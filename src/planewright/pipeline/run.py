@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 import planewright
-from planewright.errors import UsageError
+from planewright.errors import GeometryError, UsageError
 from planewright.export.atomic import write_whole
 from planewright.export.gltf import encode_glb
 from planewright.features.features import Features
@@ -18,6 +18,7 @@ from planewright.model.atlas import Atlas
 from planewright.model.build import build_model
 from planewright.pipeline.checkpoint import Checkpoints, Finished, fingerprint
 from planewright.pipeline.folder import make_folder, remove_leftovers
+from planewright.pipeline.in_image import TRACKS_FILE, ImageTracks, told, tracks_document, tracks_in_image
 from planewright.pipeline.machine import machine, peak_memory_bytes, versions
 from planewright.pipeline.plain import to_tree
 from planewright.pipeline.report import make_report
@@ -27,6 +28,8 @@ from planewright.pipeline.threads import limited_threads
 from planewright.pipeline.world import place
 from planewright.progress import Progress, silent
 from planewright.refine.rounds import Structure, refine_structure
+from planewright.registration.follow import follow_faces
+from planewright.registration.registered import Registered
 from planewright.sketch.graph import Sketch
 from planewright.sketch.read import read_sketch
 from planewright.texture.bake import bake_texture
@@ -110,19 +113,53 @@ class _Run:
     def __init__(self, clip: Clip, sketch: Sketch, options: ReconstructOptions, folder: Path | None, progress: Progress) -> None:
         self.clip, self.drawing, self.options, self.folder, self.progress = clip, sketch, options, folder, progress
         self.stages: list[Stage] = []
+        # Features, structure and tracks look at the same grey frames: decoded once, as far as there is room, they take 1.2 s of a 20 s walk less.
+        self.kept = KeptFrames(clip)
+        self.followed: Registered | None = None
         result_depends_on = (clip.info.sha256, sketch, replace(options, threads=1), planewright.__version__)
         self.checkpoints = Checkpoints(None if folder is None else folder / ".work", fingerprint(result_depends_on))
 
     def walk(self) -> Result:
+        """The result. Where the views set none, the corners' tracks in the image are written, and the reason goes on its way."""
+        try:
+            return self.solve()
+        except GeometryError as refusal:
+            if self.folder is None:
+                raise
+            found = self.in_image()
+            where = told(found)
+            if where is None:
+                raise
+            write_whole(self.folder / TRACKS_FILE, to_json(tracks_document(found, str(refusal))))
+            raise GeometryError(f"{refusal} {where}") from refusal
+
+    def faces(self) -> Registered:
+        """The drawn faces followed as wholes; once, for cameras and for tracks without cameras."""
+        if self.followed is None:
+            sketch = checked_sketch(self.drawing, self.clip.info, self.clip.numbers)[0]
+            self.followed = follow_faces(self.kept, sketch, self.options.stages.faces, progress=self.progress)
+        return self.followed
+
+    def in_image(self) -> ImageTracks:
+        """The corners without cameras."""
+        clip = self.clip
+        sketch = checked_sketch(self.drawing, clip.info, clip.numbers)[0]
+        return ImageTracks(clip.info, sketch, tracks_in_image(self.faces(), sketch, clip.numbers))
+
+    def solve(self) -> Result:
+        """All stages in order."""
         clip, stages, progress = self.clip, self.options.stages, self.progress
         sketch, sketch_notes = checked_sketch(self.drawing, clip.info, clip.numbers)
         self.checkpoints.open()
 
         looked = self.finish("look", ClipFindings, lambda: inspect_clip(clip, progress=progress))
-        # Features, structure and tracks look at the same grey frames: decoded once, as far as there is room, they take 1.2 s of a 20 s walk less.
-        kept = KeptFrames(clip)
+        kept = self.kept
         features = self.finish("features", Features, lambda: follow_features(kept, stages.features, progress=progress))
-        filmed = self.finish("cameras", Filmed, lambda: find_cameras(kept, features, sketch, stages, self.random("cameras"), progress=progress))
+
+        def cameras_from(features: Features) -> Filmed:
+            return find_cameras(kept, features, sketch, stages, self.random("cameras"), faces=self.faces, progress=progress)
+
+        filmed = self.finish("cameras", Filmed, lambda: cameras_from(features))
         cameras, points = filmed.solved.cameras, filmed.solved.points
         frames = UndistortedFrames(kept, cameras.lens)
         straight = without_distortion(sketch, cameras.lens)
@@ -175,6 +212,7 @@ class _Run:
         """All files of the result; the one that marks it as finished comes last."""
         start = time.perf_counter()
         remove_leftovers(folder)
+        (folder / TRACKS_FILE).unlink(missing_ok=True)  # of an earlier run that was refused
         (folder / RESULT_FILE).unlink(missing_ok=True)  # of the result that is replaced: a run that breaks off from here on is unfinished
         write_whole(folder / "model.glb", encode_glb(result.model))
         report = make_report(self.clip, result, [(stage.name, _time(stage)) for stage in self.stages], self.facts(result), progress=self.progress)

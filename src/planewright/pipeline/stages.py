@@ -1,6 +1,6 @@
 """The walk from a clip and a drawing to a model, one function a stage, in order. Values in, values out; no disk."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from planewright.progress import Progress, silent
 from planewright.refine.rounds import RefineOptions, Structure
 from planewright.registration.follow import RegistrationOptions, follow_faces
 from planewright.registration.grid import face_features
+from planewright.registration.registered import Registered
 from planewright.sfm.cameras import Cameras
 from planewright.sfm.solve import Refused, SfmOptions, Solved, solve_cameras
 from planewright.sketch.checks import check_sketch
@@ -84,11 +85,23 @@ def unused_marks(sketch: Sketch, numbers: Sequence[int]) -> tuple[str, ...]:
     return (f"{places} are not used: those frames are left out.",)
 
 
-def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: StageOptions, rng: np.random.Generator, *, progress: Progress = silent) -> Filmed:
+def find_cameras(
+    frames: Frames,
+    features: Features,
+    sketch: Sketch,
+    options: StageOptions,
+    rng: np.random.Generator,
+    *,
+    faces: Callable[[], Registered] | None = None,
+    progress: Progress = silent,
+) -> Filmed:
     """Cameras from the features of the whole image; where those do not tell, from the features on the drawn faces; at last from the faces as wholes.
 
     A turntable, or an object carried before a still background, shows two motions: the larger part of the image may be the part that does not matter.
     Faces with hardly a feature of their own are registered whole, each pixel counting a little.
+
+    Args:
+        faces: the faces followed as wholes, for whoever needs them as well; asked only where features do not tell.
 
     Raises:
         GeometryError: none of them tells where the camera was.
@@ -105,7 +118,7 @@ def find_cameras(frames: Frames, features: Features, sketch: Sketch, options: St
     alone = f"The cameras come from features on the drawn faces alone: {first.reason}"
     if isinstance(second, Solved) and second.cameras.posed.mean() >= ENOUGH_POSED:
         return Filmed(second, (alone,))
-    whole = face_features(follow_faces(frames, sketch, options.faces, progress=progress))
+    whole = face_features(follow_faces(frames, sketch, options.faces, progress=progress) if faces is None else faces())
     third = solve_cameras(whole, numbers, frames.image_size, known=known, options=options.cameras, rng=rng, progress=progress)
     if isinstance(second, Solved):
         if isinstance(third, Refused) or third.cameras.posed.sum() <= second.cameras.posed.sum():
