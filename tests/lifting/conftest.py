@@ -88,7 +88,16 @@ class Wall:
             images.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
             rotations.append(pose.rotation)
             translations.append(pose.translation)
-        self.views = Views(np.arange(9), np.stack(images), np.full((9, 2, len(images[0]) // 2, len(images[0][0]) // 2), 128, np.uint8), 1.0, calibration, np.array(rotations), np.array(translations), 0.01)
+        self.views = Views(
+            np.arange(9),
+            np.stack(images),
+            np.full((9, 2, len(images[0]) // 2, len(images[0][0]) // 2), 128, np.uint8),
+            1.0,
+            calibration,
+            np.array(rotations),
+            np.array(translations),
+            0.01,
+        )
 
     @staticmethod
     def print(points: np.ndarray) -> np.ndarray:

@@ -34,7 +34,9 @@ class Lamp:
             columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
             yield number, np.rint(250 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 6.0**2))).astype(np.uint8)
 
-    color = gray
+    def color(self, numbers):
+        for number, image in self.gray(numbers):
+            yield number, np.repeat(image[:, :, None], 3, axis=2)
 
 
 @pytest.fixture

@@ -212,7 +212,8 @@ def _measure(
         strip, count, texture = np.zeros((samples, 2 * half + 1)), np.zeros(samples), np.zeros((4, samples, 2 * half + 1))
         seen = np.zeros(len(chosen))
         edge_strip(
-            views.images, views.chroma, options.hue, options.grain, chosen, projections, a, along, across, half, step * pixel, sign * 3.0 * pixel, owners, scale, face, options.limit,
+            views.images, views.chroma, options.hue, options.grain, chosen, projections, a, along, across, half, step * pixel,
+            sign * 3.0 * pixel, owners, scale, face, options.limit,
             strip, count, texture, seen,
         )  # fmt: skip
         if best_strip is None or count.sum() > best_strip[0]:

@@ -13,10 +13,13 @@ from planewright.geometry.bilinear_kernels import bilinear
 
 @njit(cache=True)
 @no_type_check
-def edge_strip(images, chroma, hue, grain, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, face, limit, strip, count, texture, seen):
+def edge_strip(
+    images, chroma, hue, grain, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, face, limit, strip, count, texture, seen
+):
     """Steepness across an edge, and what its plane carries from view to view, both averaged in the edge's own plane.
 
-    images (V, h, w) uint8; chroma (V, 2, h // 2, w // 2) uint8, whose differences count `hue` times; chosen (C,) views; projections (V, 3, 4) to array coordinates; start (3,) first corner, along (3,) to the
+    images (V, h, w) uint8; chroma (V, 2, h // 2, w // 2) uint8, whose differences beyond `grain` count `hue` times; chosen (C,) views;
+    projections (V, 3, 4) to array coordinates; start (3,) first corner, along (3,) to the
     second, across (3,) unit vector of the plane at right angles to the edge; offsets are (j - half) * step along `across`.
     inside: offset (world units, signed) at which a point just inside the face is looked up in owners (V, h2, w2), which must name
     `face` there. limit: a difference d of grey values over two steps counts as d / (1 + d / limit): monotonic, so a sharp edge keeps
