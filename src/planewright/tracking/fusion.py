@@ -17,6 +17,13 @@ CLEAR_END = 0.3
 """Weight at an edge's end (`FrameLines.end_weight`) from which its scatter is that of the line, and not of where it is extended to."""
 FEW_LINES = 50
 """Below so many offsets nothing is said of their scatter."""
+TOGETHER = 1.5
+"""Robust standard deviations from the place that most frames of an edge agree on at which a frame has half its say. Of 19 clips' corners the negative
+log-likelihood is -1.64 with it, -1.62 with 3: in a quarter of the frames of some edges another line is the steeper one."""
+TOGETHER_FLOOR = 0.3
+"""At least so far, pixels."""
+TOGETHER_PRIOR = 1e-2
+"""Share of the model's information that keeps that place where the frames leave it open."""
 LEAST_SCALE = 0.1
 """Pictures without any noise still have pixels."""
 
@@ -190,13 +197,13 @@ def _together(
     slopes: Float[np.ndarray, "frames 3"], offsets: Float[np.ndarray, "frames"], weight: Float[np.ndarray, "frames"], model: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "frames"]:
     """Cauchy weights of an edge's frames about the one place in space that most of them agree on: near frames see the same displacement larger."""
-    robust = np.ones(len(offsets))
-    weak = 1e-2 * np.linalg.inv(model)
-    for _ in range(4):
+    robust, weak = np.ones(len(offsets)), TOGETHER_PRIOR * np.linalg.inv(model)
+    away = np.abs(offsets - np.median(offsets))
+    for _ in range(6):
+        robust = 1.0 / (1.0 + (away / max(TOGETHER * 1.4826 * float(np.median(away)), TOGETHER_FLOOR)) ** 2)
         w = weight * robust / max(float((weight * robust).sum()), 1e-12)
         place = np.linalg.solve((slopes * w[:, None]).T @ slopes + weak, (slopes * w[:, None]).T @ offsets)
         away = np.abs(offsets - slopes @ place)
-        robust = 1.0 / (1.0 + (away / max(3.0 * 1.4826 * float(np.median(away)), 0.5)) ** 2)
     return robust
 
 
