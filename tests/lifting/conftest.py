@@ -1,10 +1,16 @@
 """Views of the shed, and of one endless wall that no renderer drew."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from planewright.lifting.hypothesis import Hypothesis
+from planewright.lifting.lift import Lifted, LiftOptions, lift_sketch, tolerances
 from planewright.lifting.photometric import PhotometricOptions, Reference, reference_from_mask
+from planewright.lifting.task import Task, task_of
 from planewright.lifting.views import Views, load_views
+from planewright.sketch.graph import Sketch
 from planewright.synthetic.motion import look_at
 
 
@@ -12,6 +18,49 @@ from planewright.synthetic.motion import look_at
 def shed_views(shed) -> Views:
     marked = {frame for point in shed.sketch.points for frame in point.marks}
     return load_views(shed.frames, shed.cameras, shed.cloud, marked)
+
+
+def as_task(views: Views, filmed, sketch: Sketch) -> Task:
+    return task_of(views, sketch, filmed.cloud, PhotometricOptions(), tolerances(LiftOptions(), views))
+
+
+@pytest.fixture(scope="session")
+def task(shed, shed_views: Views) -> Task:
+    """The shed to lift."""
+    return as_task(shed_views, shed, shed.sketch)
+
+
+@pytest.fixture(scope="session")
+def true_planes(shed) -> list[Hypothesis]:
+    """The plane each face of the shed lies on, as if corners had told it."""
+    nobody = np.zeros((1, len(shed.sketch.faces)), bool)
+    return [
+        Hypothesis(normal, float(offset), float("nan"), -1, offset * normal[None], nobody)
+        for normal, offset in zip(shed.scene.normals, shed.scene.offsets, strict=True)
+    ]
+
+
+@pytest.fixture(scope="session")
+def to_task() -> Callable[..., Task]:
+    """What there is to lift of another sketch of a filmed scene: `to_task(filmed, sketch)`."""
+
+    def build(filmed, sketch: Sketch) -> Task:
+        marked = {frame for point in sketch.points for frame in point.marks}
+        return as_task(load_views(filmed.frames, filmed.cameras, filmed.cloud, marked), filmed, sketch)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def lift() -> Callable[..., Lifted]:
+    """Lifts a sketch of a filmed scene: `lift(filmed, sketch)`."""
+
+    def lift(filmed, sketch: Sketch) -> Lifted:
+        marked = {frame for point in sketch.points for frame in point.marks}
+        views = load_views(filmed.frames, filmed.cameras, filmed.cloud, marked)
+        return lift_sketch(views, sketch, filmed.cloud, rng=np.random.default_rng(0))
+
+    return lift
 
 
 class Wall:
@@ -39,7 +88,7 @@ class Wall:
             images.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
             rotations.append(pose.rotation)
             translations.append(pose.translation)
-        self.views = Views(np.arange(9), np.stack(images), 1.0, calibration, np.array(rotations), np.array(translations), 0.01)
+        self.views = Views(np.arange(9), np.stack(images), np.full((9, 2, len(images[0]) // 2, len(images[0][0]) // 2), 128, np.uint8), 1.0, calibration, np.array(rotations), np.array(translations), 0.01)
 
     @staticmethod
     def print(points: np.ndarray) -> np.ndarray:

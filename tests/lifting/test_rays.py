@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewright.lifting.rays import MarkRays, mark_rays, meet, triangulate_marks
+from planewright.lifting.rays import MarkRays, mark_rays, meet, on_plane, triangulate_marks
 from planewright.sketch.graph import PointId, Sketch, SketchPoint
 
 WORLD = np.array([[0.3, 0.1, -0.2], [-0.4, 0.0, 0.3], [0.0, 0.2, 0.1]])
@@ -92,3 +92,10 @@ def test_rays_that_miss_each_other_are_weighed_by_pixels_not_by_space(wall) -> N
         distances.append(np.linalg.norm(found[0] - rays.origin[row]))
     assert distances[0] < 0.6 * distances[1]
     assert_allclose(errors[0] / errors[1], distances[0] / distances[1], rtol=0.05)
+
+
+def test_pixels_carried_to_a_plane_lie_on_it_and_are_seen_where_they_were(wall) -> None:
+    pixels = np.array([[10.0, 20.0], [80.5, 61.0], [150.0, 100.0]])
+    points = on_plane(wall.views, 2, pixels, wall.normal, wall.offset)
+    assert_allclose(points @ wall.normal, wall.offset, atol=1e-12)
+    assert_allclose([seen(wall, 2, point) for point in points], pixels, atol=1e-9)

@@ -115,7 +115,7 @@ def test_the_claimed_sigma_covers_the_errors() -> None:
 def test_the_printed_weight_makes_a_drifting_track_worse_and_that_of_the_text_better(literal: bool) -> None:
     truth = curve(30)
     gap = gap_of(truth, np.linspace(0.0, 1.0, 30)[:, None] * np.array([1.5, 1.0]))
-    mended = mend(Moving(truth), gap, MendOptions(literal_weight=literal, smooth=None, windows=WindowOptions(literal=literal)))
+    mended = mend(Moving(truth), gap, MendOptions(literal_weight=literal, settle=None, windows=WindowOptions(literal=literal)))
     assert (errors(mended.xy, truth).mean() > errors(gap.forward, truth).mean()) == literal
 
 

@@ -1,4 +1,4 @@
-"""Marks as rays in the world, and where they meet planes."""
+"""Marks and pixels as rays in the world, and where they meet planes."""
 
 from dataclasses import dataclass
 
@@ -74,3 +74,13 @@ def triangulate_marks(rays: MarkRays, rows: Int[np.ndarray, "rows"]) -> tuple[Ve
         weight = 1.0 / np.maximum(((xyz - rays.origin[rows]) ** 2).sum(axis=1), 1e-12)
     angle = float(np.arccos(np.clip((direction @ direction.T).min(), -1.0, 1.0)))
     return xyz, angle
+
+
+def on_plane(views: Views, view: int, pixels: Float[np.ndarray, "n 2"], normal: Vec3, offset: float) -> Float[np.ndarray, "n 3"]:
+    """World points of a plane at working pixels of a view."""
+    rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(views.calibration).T
+    directions = rays @ views.rotation[view]
+    center = views.centers[view]
+    along = directions @ normal
+    along = np.where(np.abs(along) < 1e-9, 1e-9, along)
+    return center + directions * ((offset - center @ normal) / along)[:, None]

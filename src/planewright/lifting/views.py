@@ -22,7 +22,7 @@ class ViewOptions:
     max_views: int = 110
     """Frames kept besides those with marks. Edges averaged over 100 frames gained nothing from more."""
     max_bytes: int = 260_000_000
-    """Memory for the kept frames; fewer are kept where they are large."""
+    """Memory for the kept frames in grey, half as much again goes to their colour; fewer are kept where they are large."""
     max_pixels: int = 1_600_000
     """Larger frames are reduced to this many pixels (bilinear over areas)."""
     blur: float = 0.7
@@ -36,6 +36,8 @@ class Views:
     frame: Int[np.ndarray, "views"]
     """Frame numbers, increasing."""
     images: UInt8[np.ndarray, "views height width"]
+    chroma: UInt8[np.ndarray, "views 2 half_height half_width"]
+    """Red and blue differences (Cr, Cb) at half the resolution, which is all that video stores of them."""
     scale: float
     calibration: Mat3
     """K in working pixels; the centre of the top-left pixel is (0.5, 0.5)."""
@@ -80,6 +82,10 @@ def load_views(
     wanted = sorted({*spread.tolist(), *(f for f in needed if cameras.row(f) is not None)})
     rows = np.array([cameras.row(f) for f in wanted])
     images = np.empty((len(wanted), size[1], size[0]), np.uint8)
+    chroma = np.empty((len(wanted), 2, max(size[1] // 2, 1), max(size[0] // 2, 1)), np.uint8)
+    for k, (_, image) in enumerate(steps(frames.color(wanted), "Loading views", progress, total=len(wanted))):
+        half = cv2.resize(image, chroma.shape[:1:-1], interpolation=cv2.INTER_AREA)
+        chroma[k] = cv2.cvtColor(half, cv2.COLOR_RGB2YCrCb)[:, :, 1:].transpose(2, 0, 1)
     for k, (_, image) in enumerate(steps(frames.gray(wanted), "Loading views", progress, total=len(wanted))):
         if scale < 1.0:
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -88,7 +94,7 @@ def load_views(
     calibration = stretch @ cameras.intrinsics.pinhole().matrix
     rotation, translation = cameras.rotation[rows], cameras.translation[rows]
     return Views(
-        np.array(wanted), images, size[0] / width, calibration, rotation, translation, _depth_per_pixel(calibration, rotation, translation, scene, size)
+        np.array(wanted), images, chroma, size[0] / width, calibration, rotation, translation, _depth_per_pixel(calibration, rotation, translation, scene, size)
     )
 
 

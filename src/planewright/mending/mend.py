@@ -2,7 +2,7 @@
 
 Each frame between the anchors has a window of candidates, and every candidate is joined to every one of the next frame. A joint costs little where it
 follows the traced motion, and a candidate costs little where the image there looks like the anchors' surroundings and the point's edges run through it.
-The cheapest path decides between ways (the forward trace until it jumped, the backward one from there on); smoothing then places it between pixels.
+The cheapest path decides between ways (the forward trace until it jumped, the backward one from there on); settling then places it between pixels.
 (Wang et al., Recovering 3D planar arrangements from videos, section on back tracing; the corrections to its formulas are explained at the options.)
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from planewright.arrays import Float, GrayImage, Int, UInt8
 from planewright.mending.gap import Gap, Layer, WindowOptions, layer, shares
 from planewright.mending.kernels import cut_patch, next_layer, node_costs
-from planewright.mending.smooth import SmoothOptions, smooth_path
+from planewright.mending.settle import SettleOptions, settle_path
 from planewright.progress import Progress, silent, steps
 from planewright.video.frames import Frames
 
@@ -44,7 +44,7 @@ class MendOptions:
     literal_weight: bool = False
     """A joint costs its own squared length over the trust, as the formula is printed, and places cost nothing. The cheapest such path is the straight one:
     6 px off on average where doing nothing is 1.5 px off (60 frames on a curve). The text describes the distance from the traced place."""
-    smooth: SmoothOptions | None = field(default_factory=SmoothOptions)
+    settle: SettleOptions | None = field(default_factory=SettleOptions)
     """How the path is placed between pixels; None leaves it on its candidates."""
 
 
@@ -168,7 +168,7 @@ class _Search:
         self.last_patch = patches
 
     def path(self) -> Mended:
-        """The cheapest way back from the last anchor, smoothed."""
+        """The cheapest way back from the last anchor, settled between pixels."""
         gap, options = self.gap, self.options
         count = len(gap.frame)
         chosen = np.zeros(count, dtype=np.int64)
@@ -176,13 +176,13 @@ class _Search:
             chosen[k - 1] = self.back[k][chosen[k]]
         places = np.array([self.layers[k].nodes[chosen[k]] for k in range(count)])
         side = np.array([int(self.layers[k].side[chosen[k]]) for k in range(count)])
-        if options.smooth is None:
+        if options.settle is None:
             return Mended(places, np.tile(np.eye(2), (count, 1, 1)), side)
         for k in range(1, count - 1):
             places[k] += self._between(k, int(chosen[k]))
         motion = np.array([self._motion(k)[side[k]] for k in range(count - 1)])
         weight = np.array([self.trust[k, side[k]] if side[k] == side[k + 1] else 0.0 for k in range(count - 1)])
-        xy, sigma = smooth_path(places, motion, weight, options.smooth)
+        xy, sigma = settle_path(places, motion, weight, options.settle)
         variance = sigma**2 + options.common_sigma**2
         return Mended(xy, variance[:, None, None] * np.eye(2), side)
 

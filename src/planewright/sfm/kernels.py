@@ -285,12 +285,30 @@ def solve_spd(a, b, n):
 
 @njit(cache=True, nogil=True)
 @no_type_check
+def adapted(damping, better):
+    """Marquardt's factor after a step that made the cost better, or did not."""
+    return max(damping / 5.0, 1e-9) if better else damping * 8.0
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def damped_step(h, g, damping, work, step, n):
+    """The step (n,) of Levenberg and Marquardt for a Hessian h (n, n) and a gradient g (n,); work (n, n) is overwritten. False as `solve_spd`."""
+    work[:] = h
+    for k in range(n):
+        work[k, k] = work[k, k] * (1.0 + damping) + 1e-12
+        step[k] = -g[k]
+    return solve_spd(work, step, n)
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
 def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
     """Levenberg-Marquardt on one pose (3, 3), (3,), in place, over points xyz (n, 3) seen at xy (n, 2), Cauchy cost. Returns the cost."""
     n = xyz.shape[0]
     s2 = scale * scale
     jc, jp = np.zeros((2, 10)), np.empty((2, 3))
-    h, g, d = np.empty((6, 6)), np.empty(6), np.empty(6)
+    h, g, b, d = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty(6)
     kept_h, kept_g = np.zeros((6, 6)), np.zeros(6)
     r, t = rotation.copy(), translation.copy()
     damping = 1e-4
@@ -319,19 +337,15 @@ def resect_pose(intrinsics, rotation, translation, xyz, xy, scale, iterations):
             translation[:] = t
             kept_h[:] = h
             kept_g[:] = g
-            damping = max(damping / 5.0, 1e-9)
+            damping = adapted(damping, True)
             if small:
                 break
         else:
-            damping *= 8.0
+            damping = adapted(damping, False)
             if damping > 1e6:
                 break
-        b = kept_h.copy()
-        for k in range(6):
-            b[k, k] = b[k, k] * (1.0 + damping) + 1e-12
-            d[k] = -kept_g[k]
-        if not solve_spd(b, d, 6):
-            damping *= 8.0
+        if not damped_step(kept_h, kept_g, damping, b, d, 6):
+            damping = adapted(damping, False)
             continue
         step = rotation_of(d[0], d[1], d[2])
         r = step @ rotation
@@ -351,7 +365,7 @@ def triangulate_points(intrinsics, rotation, translation, first, camera, xy, ray
     """
     s2 = scale * scale
     jc, jp = np.zeros((2, 10)), np.empty((2, 3))
-    h, g, x = np.empty((3, 3)), np.empty(3), np.empty(3)
+    h, g, b3, x = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
     for p in range(first.shape[0] - 1):
         start, stop = first[p], first[p + 1]
         directions = np.empty((stop - start, 3))
@@ -428,23 +442,19 @@ def triangulate_points(intrinsics, rotation, translation, first, camera, xy, ray
                 kept_g[:] = g
                 quality[p, 0] = np.sqrt(weighted / max(weights, 1e-12))
                 quality[p, 2] = nearest
-                damping = max(damping / 5.0, 1e-9)
+                damping = adapted(damping, True)
                 if small:
                     break
             else:
-                damping *= 8.0
+                damping = adapted(damping, False)
                 if damping > 1e6:
                     break
-            b3 = kept_h.copy()
-            for a in range(3):
-                b3[a, a] = b3[a, a] * (1.0 + damping) + 1e-12
-                x[a] = -kept_g[a]
-            if not solve_spd(b3, x, 3):
+            if not damped_step(kept_h, kept_g, damping, b3, x, 3):
                 break
             for a in range(3):
                 x[a] += xyz[p, a]
         for a in range(3):
-            b3 = kept_h.copy()
+            b3[:] = kept_h
             for b in range(3):
                 b3[b, b] += 1e-12
                 x[b] = 1.0 if a == b else 0.0

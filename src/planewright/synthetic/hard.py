@@ -13,7 +13,7 @@ from planewright.synthetic.hall import hall
 from planewright.synthetic.houses import toy_house
 from planewright.synthetic.library import library
 from planewright.synthetic.motion import Path, both, draw_shake, draw_tremor
-from planewright.synthetic.observe import true_tracks
+from planewright.synthetic.observe import SLIVER, thickness, true_tracks
 from planewright.synthetic.render import RenderOptions
 from planewright.synthetic.scene import Part, Scene, Surface, pillar
 from planewright.synthetic.textures import Painter, parcel, plaster, print_on, speckled
@@ -130,11 +130,13 @@ def repainted(scene: Scene, parts: Mapping[Part, Painter], faces: Mapping[str, P
 
 
 def seen_only(clip: SyntheticClip, share: float = 0.1) -> SyntheticClip:
-    """The clip without the faces that a person could not draw: each corner of a face is in sight in that share of the frames or more."""
-    _, visible, _ = true_tracks(clip)
+    """The clip without the faces that a person could not draw: each corner of a face is in sight, and the face more than a line, in that
+    share of the frames or more."""
+    xy, visible, _ = true_tracks(clip)
     seen = {k for k, row in zip(clip.scene.points, visible, strict=True) if row.mean() >= share}
     scene = clip.scene
-    kept = [seen.issuperset((*f.loop, *(k for hole in f.holes for k in hole))) for f in scene.faces]
+    thick = (thickness(scene, xy) > SLIVER).mean(axis=1) >= share
+    kept = [bool(t) and seen.issuperset((*f.loop, *(k for hole in f.holes for k in hole))) for f, t in zip(scene.faces, thick, strict=True)]
     faces = tuple(f for f, keep in zip(scene.faces, kept, strict=True) if keep)
     used = {k for f in faces for k in (*f.loop, *(k for hole in f.holes for k in hole))}
     drawn: list[Surface] = [s for s, keep in zip(scene.surfaces, kept, strict=False) if keep]

@@ -203,8 +203,35 @@ def main_frame(visible: Bool[np.ndarray, "points frames"]) -> int:
     return int(best[np.argmin(np.abs(best - visible.shape[1] // 2))])
 
 
+SLIVER = 6.0
+"""A face that a frame shows no thicker than this, pixels, is a line to whoever draws: its corners are clicked where it opens."""
+
+
+def thickness(scene: Scene, xy: Float[np.ndarray, "points frames 2"]) -> Float[np.ndarray, "faces frames"]:
+    """How thick each face's loop is in each frame, pixels: two standard deviations of its corners about the line that fits them best, which
+    for a rectangle is its width."""
+    row = {k: i for i, k in enumerate(scene.points)}
+    out = np.empty((len(scene.faces), xy.shape[1]))
+    for f, face in enumerate(scene.faces):
+        corners = xy[[row[k] for k in face.loop]].transpose(1, 0, 2)
+        spread = np.linalg.svd(corners - corners.mean(axis=1, keepdims=True), compute_uv=False)[:, 1]
+        out[f] = 2.0 * spread / np.sqrt(len(face.loop))
+    return out
+
+
+def opened(scene: Scene, xy: Float[np.ndarray, "points frames 2"]) -> Bool[np.ndarray, "points frames"]:
+    """Whether a frame shows one of the faces of a corner as more than a line; true for corners without a face."""
+    thick = thickness(scene, xy) > SLIVER
+    out = np.zeros(xy.shape[:2], bool)
+    for i, k in enumerate(scene.points):
+        of_corner = [f for f, face in enumerate(scene.faces) if k in face.loop or any(k in hole for hole in face.holes)]
+        out[i] = thick[of_corner].any(axis=0) if of_corner else True
+    return out
+
+
 def draw(clip: SyntheticClip, rng: np.random.Generator, click_noise: float = 1.0, with_faces: bool = True) -> Sketch:
-    """The sketch of a clip: corners clicked in its main frame, hidden ones in the nearest frame that shows them well inside the image.
+    """The sketch of a clip: corners clicked in its main frame, those hidden there or on faces that show as lines there in the nearest frame
+    that shows them well.
 
     click_noise: standard deviation of a click on each axis, pixels. A corner that no frame shows is left out, and so are its edges and faces.
     """
@@ -212,14 +239,16 @@ def draw(clip: SyntheticClip, rng: np.random.Generator, click_noise: float = 1.0
     scene, size = clip.scene, np.array(clip.intrinsics.image_size)
     main = main_frame(visible)
     # A click two pixels or more inside the image: what lies on the very border cannot be seen well enough to click.
-    clear = visible & np.all((xy > 2) & (xy < size - 2), axis=2)
+    inside = visible & np.all((xy > 2) & (xy < size - 2), axis=2)
+    open_there = inside & opened(scene, xy)
+    clear = np.where(open_there.any(axis=1, keepdims=True), open_there, inside)
     clicks = rng.normal(0.0, click_noise, (len(xy), 2)) if click_noise > 0 else np.zeros((len(xy), 2))
     marked: list[SketchPoint] = []
     for i, k in enumerate(scene.points):
         shown = np.flatnonzero(clear[i])
         if len(shown) == 0:
             continue
-        # A hidden corner is marked some frames after it comes into sight, as who scrubs through a clip would.
+        # Such a corner is marked some frames after it comes into sight, as who scrubs through a clip would.
         frame = main
         if not clear[i, main]:
             nearest = int(np.argmin(np.abs(shown - main)))

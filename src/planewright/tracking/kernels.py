@@ -13,10 +13,10 @@ from planewright.geometry.bilinear_kernels import bilinear
 
 @njit(cache=True)
 @no_type_check
-def edge_strip(images, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, face, limit, strip, count, texture, seen):
+def edge_strip(images, chroma, hue, grain, chosen, projections, start, along, across, half, step, inside, owners, owner_scale, face, limit, strip, count, texture, seen):
     """Steepness across an edge, and what its plane carries from view to view, both averaged in the edge's own plane.
 
-    images (V, h, w) uint8; chosen (C,) views; projections (V, 3, 4) to array coordinates; start (3,) first corner, along (3,) to the
+    images (V, h, w) uint8; chroma (V, 2, h // 2, w // 2) uint8, whose differences count `hue` times; chosen (C,) views; projections (V, 3, 4) to array coordinates; start (3,) first corner, along (3,) to the
     second, across (3,) unit vector of the plane at right angles to the edge; offsets are (j - half) * step along `across`.
     inside: offset (world units, signed) at which a point just inside the face is looked up in owners (V, h2, w2), which must name
     `face` there. limit: a difference d of grey values over two steps counts as d / (1 + d / limit): monotonic, so a sharp edge keeps
@@ -26,6 +26,8 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
     """
     samples, width = strip.shape
     rows = np.empty((samples, width + 2))
+    red, blue = np.empty(width + 2), np.empty(width + 2)
+    ratio_x, ratio_y = chroma.shape[3] / images.shape[2], chroma.shape[2] / images.shape[1]
     there = np.empty(samples, np.bool_)
     for c in range(chosen.shape[0]):
         v = chosen[c]
@@ -52,13 +54,23 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
                 d = (j - 1 - half) * step
                 x, y, z = x0 + d * across[0], y0 + d * across[1], z0 + d * across[2]
                 w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
-                value = -1.0
-                if w > 1e-9:
-                    value = bilinear(image, (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w, (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w)
+                if w <= 1e-9:
+                    there[s] = False
+                    break
+                x, y = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w, (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w
+                value = bilinear(image, x, y)
                 if value < 0.0:
                     there[s] = False
                     break
                 rows[s, j] = value
+                # the border half pixel has no neighbour at half resolution: its colour is the outermost one
+                x = min(max((x + 0.5) * ratio_x - 0.5, 0.0), chroma.shape[3] - 1.001)
+                y = min(max((y + 0.5) * ratio_y - 0.5, 0.0), chroma.shape[2] - 1.001)
+                red[j], blue[j] = bilinear(chroma[v, 0], x, y), bilinear(chroma[v, 1], x, y)
+            if there[s]:
+                for j in range(width):
+                    steep = abs(rows[s, j + 2] - rows[s, j]) + hue * (max(abs(red[j + 2] - red[j]) - grain, 0.0) + max(abs(blue[j + 2] - blue[j]) - grain, 0.0))
+                    strip[s, j] += steep / (1.0 + steep / limit)
         for s in range(samples):
             if not there[s]:
                 continue
@@ -67,10 +79,8 @@ def edge_strip(images, chosen, projections, start, along, across, half, step, in
             beside = s + 1 < samples and there[s + 1]
             for j in range(width):
                 slope = rows[s, j + 2] - rows[s, j]
-                steep = abs(slope)
-                strip[s, j] += steep / (1.0 + steep / limit)
                 texture[2, s, j] += slope
-                texture[3, s, j] += steep
+                texture[3, s, j] += abs(slope)
                 if beside:
                     slope = rows[s + 1, j + 1] - rows[s, j + 1]
                     texture[0, s, j] += slope

@@ -1,4 +1,4 @@
-"""A path between two anchors, smoothed: places as the images say them, steps as the traces say them."""
+"""A path settled between two anchors: pulled to places as the images say them, and by steps as the traces say them."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from planewright.arrays import Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class SmoothOptions:
+class SettleOptions:
     """What is believed how much."""
 
     place_sigma: float = 0.6
@@ -20,11 +20,11 @@ class SmoothOptions:
     """Reweighted solutions."""
 
 
-def smooth_path(
+def settle_path(
     places: Float[np.ndarray, "frames 2"],
     steps: Float[np.ndarray, "steps 2"],
     step_weights: Float[np.ndarray, "steps"],
-    options: SmoothOptions = SmoothOptions(),
+    options: SettleOptions = SettleOptions(),
 ) -> tuple[Float[np.ndarray, "frames 2"], Float[np.ndarray, "frames"]]:
     """The path of least sum of squares, and its standard deviation an axis (pixels); the first and the last place stay.
 
