@@ -125,7 +125,7 @@ def test_a_corner_whose_lines_contradict_the_model_says_so() -> None:
 
 
 def test_frames_in_which_another_line_is_steeper_have_little_say() -> None:
-    scene, truth, offset = drawn(100, 0.8, np.random.default_rng(6))
+    scene, _, offset = drawn(100, 0.8, np.random.default_rng(6))
     switched = offset.copy()
     switched[31:, :, 1] += 2.8
     whole, _ = scene.refit(offset, 0.8)
