@@ -162,7 +162,7 @@ def refit_corners(
     """
     num_points = jacobian.shape[1]
     shift, covariance = np.zeros((num_points, 3)), point_covariance.copy()
-    placed = np.isfinite(point_covariance).all(axis=(1, 2)) & np.isfinite(jacobian).all(axis=(0, 2, 3))
+    placed: Bool[np.ndarray, "points"] = np.asarray(np.isfinite(point_covariance).all(axis=(1, 2)) & np.isfinite(jacobian).all(axis=(0, 2, 3)))
     ends = [_edge_ends(lines, jacobian, i, _floored(point_covariance[i], jacobian[:, i], options), options) if placed[i] else [] for i in range(num_points)]
     misfits = [(end.offset, end.variance(point_covariance[i]) + options.edge_sigma**2 / end.weight) for i in range(num_points) for end in ends[i]]
     scale = clip_scale(misfits, options)
