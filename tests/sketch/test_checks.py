@@ -105,6 +105,13 @@ def test_a_loop_that_crosses_itself_is_refused() -> None:
     assert codes(sketch_of(SQUARE, {"f": "abcd", "g": "bcda"})) == {Code.FACE_TWICE: "warning"}
 
 
+def test_a_loop_that_crosses_itself_by_a_click_is_only_mentioned() -> None:
+    outline = {"a": (100.0, 100.0), "b": (300.0, 100.0), "c": (300.0, 140.0)}
+    for low, severity in [(97.0, "warning"), (60.0, "error")]:
+        marks = {name: {5: xy} for name, xy in {**outline, "d": (100.0, low)}.items()}
+        assert codes(sketch_of(marks, {"f": "abcd"})) == {Code.FACE_CROSSES_ITSELF: severity}
+
+
 def test_holes_lie_in_their_faces() -> None:
     inside = {"x": {5: (150.0, 150.0)}, "y": {5: (200.0, 150.0)}, "z": {5: (180.0, 200.0)}}
     for shift, expected in [(0.0, {}), (110.0, {Code.HOLE_OUTSIDE: "warning"}), (300.0, {Code.HOLE_OUTSIDE: "error"})]:

@@ -13,8 +13,8 @@ from planewright.synthetic.clip import SyntheticClip, centered_camera
 from planewright.synthetic.motion import Path, draw_tremor
 from planewright.synthetic.render import RenderOptions
 from planewright.synthetic.scene import Scene, TrueFace, face_surfaces, quad
-from planewright.synthetic.textures import plaster
-from planewright.tracking.edges import Anchor, EdgeLine, corner_lines, drawn_edges, measure_edges
+from planewright.synthetic.textures import Painter, plaster
+from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, corner_lines, drawn_edges, measure_edges
 from planewright.tracking.visibility import owners_in_views
 
 STRIPE = 0.13
@@ -31,16 +31,21 @@ def striped(width: float, height: float, density: float, rng: np.random.Generato
     return image
 
 
-@pytest.fixture(scope="module")
-def board(film):
-    """A board before a wall that is nearly as bright."""
+def board_before_wall(film, paint: Painter, wall_paint: Painter):
+    """A board that is walked past in 24 frames, and a wall three units behind it."""
     points = {"b0": (-0.8, 0.0, 0.3), "b1": (0.8, 0.0, 0.3), "b2": (0.8, 0.0, 1.4), "b3": (-0.8, 0.0, 1.4)}
     faces = (TrueFace("board", ("b0", "b1", "b2", "b3")),)
-    wall = quad((-6.0, 3.0, -2.0), (12.0, 0, 0), (0, 0, 7.0), plaster((132, 132, 132), 0.01), 60.0)
-    scene = Scene(points, faces, (*face_surfaces(points, faces, {"board": striped}, 200.0), wall), (0.35, -0.65, 0.8))
+    wall = quad((-6.0, 3.0, -2.0), (12.0, 0, 0), (0, 0, 7.0), wall_paint, 60.0)
+    scene = Scene(points, faces, (*face_surfaces(points, faces, {"board": paint}, 200.0), wall), (0.35, -0.65, 0.8))
     tremor = draw_tremor(0.03, 0.4, np.random.default_rng(0))
     path = Path(num_frames=24, target=np.array([0.0, 0.0, 0.85]), radius=4.6, height=(1.2, 1.9), azimuth_deg=(-104.0, -76.0), tremor=tremor)
     return film(SyntheticClip("board", scene, path, centered_camera((320, 180), 0.83), RenderOptions()))
+
+
+@pytest.fixture(scope="module")
+def board(film):
+    """Before a wall that is nearly as bright."""
+    return board_before_wall(film, striped, plaster((132, 132, 132), 0.01))
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +71,21 @@ def measure(board, views: Views, names: list[str], points: np.ndarray, anchor: A
 def off_truth(board, line: EdgeLine, points: np.ndarray, pixel: float) -> np.ndarray:
     """Pixels from the true edge to the line at both ends, along `across`."""
     return np.array([line.offset[end] + line.across @ (points[c] - board.scene.points[c]) for end, c in enumerate(line.edge)]) / pixel
+
+
+def test_an_edge_between_colours_of_one_brightness_is_found(film, pixel: float) -> None:
+    clay = board_before_wall(film, plaster((182, 106, 132), 0.0), plaster((132, 132, 132), 0.0))
+    views = load_views(clay.frames, clay.cameras, clay.cloud, [])
+    shift = np.array([1.0, -1.0, 1.0, -1.0])[:, None] * [1.4 * pixel, 0.0, 1.4 * pixel]
+    points = clay.scene.points + shift
+    owners = owners_in_views(views, scene_polygons(replace(clay.scene, points=points)))
+    names = ["foot", "right", "top"]
+    arguments = views, [EDGES[name] for name in names], points, anchored(points, 2.5 * pixel), clay.scene.normals, owners
+    for line in measure_edges(*arguments):
+        assert_allclose(off_truth(clay, line, points, pixel), 0.0, atol=0.6)
+    in_grey = measure_edges(*arguments, EdgeOptions(hue=0.0))
+    assert max((np.abs(off_truth(clay, line, points, pixel)).max() for line in in_grey), default=2.0) > 1.0 or len(in_grey) < len(names)
+    assert len(measure_edges(*arguments)) == len(names)
 
 
 @pytest.mark.parametrize("name", ["foot", "right", "top"])

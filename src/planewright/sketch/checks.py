@@ -21,6 +21,8 @@ _ON_A_LINE = 0.75
 """Pixels: corners this close to one line are on it, whatever the clicks (which scatter by about 1 px) say."""
 _THIN = 3.0
 """Pixels: a face thinner than this is seen edge on; its plane must come from other frames."""
+_CLICKS = 4.0
+"""Pixels: where the part that an outline cuts off by crossing itself is thinner, two clicks may just have been a little off."""
 _SAME_PLACE = 0.5
 """Pixels: two clicks closer than this were meant for one spot."""
 
@@ -185,9 +187,19 @@ def _check_face(face: SketchFace, marks: Mapping[PointId, Mapping[int, tuple[flo
         sentence = f"{name} is only {max(thickness.values()):.1f} pixels thick in frame {best}: it is seen edge on. Mark it in a frame that shows it better."
         yield Finding("warning", FindingCode.FACE_THIN, sentence, where)
     elif len(seen[best]) == len(face.loop) and not face.open and not shapely.Polygon(seen[best]).is_valid:
-        sentence = f"The outline of {it} crosses itself in frame {best}. Put its corners in order around the face."
-        yield Finding("error", FindingCode.FACE_CROSSES_ITSELF, sentence, where)
+        if _least_lobe(seen[best]) < _CLICKS:
+            sentence = f"The outline of {it} crosses itself by a click's width in frame {best}. If its corners are in order, nothing is wrong."
+            yield Finding("warning", FindingCode.FACE_CROSSES_ITSELF, sentence, where)
+        else:
+            sentence = f"The outline of {it} crosses itself in frame {best}. Put its corners in order around the face."
+            yield Finding("error", FindingCode.FACE_CROSSES_ITSELF, sentence, where)
     yield from _check_holes(face, marks)
+
+
+def _least_lobe(xy: Float[np.ndarray, "corners 2"]) -> float:
+    """Width (diameter of the largest circle within) of the smallest part of an outline that crosses itself, pixels."""
+    lobes = [part for part in shapely.get_parts(shapely.make_valid(shapely.Polygon(xy))) if isinstance(part, shapely.Polygon)]
+    return min((2.0 * shapely.maximum_inscribed_circle(lobe).length for lobe in lobes), default=0.0)
 
 
 def _check_holes(face: SketchFace, marks: Mapping[PointId, Mapping[int, tuple[float, float]]]) -> Iterator[Finding]:
