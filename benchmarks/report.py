@@ -7,6 +7,7 @@ Diagrams are written beside the page, their names beginning with its own. Nothin
 
 import argparse
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,8 @@ def page(tracks: Mapping[str, Any] | None, speed: Mapping[str, Any] | None, stem
             if speed.get(part):
                 diagrams[f"{stem}-{part}.svg"] = time_against_span(speed[part], what, part == "corrections")
                 text.append(f"![Time of {what} by the frames it touches]({stem}-{part}.svg)\n")
-    return "\n".join(text), diagrams
+    # where its writer kept the results is nobody's business, and nothing to repeat
+    return re.sub(r" --output \S+?(?=[\s`])", "", "\n".join(text)), diagrams
 
 
 def main() -> None:
