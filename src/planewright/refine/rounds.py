@@ -27,8 +27,11 @@ from planewright.tracking.edges import Anchor, EdgeLine, EdgeOptions, corner_lin
 from planewright.tracking.visibility import owners_in_views
 from planewright.video.frames import Frames
 
+MISSED = 5.0
+"""A corner further from all its marks than this, pixels, starts anew where one of its planes meets one of them: few clicks are so bad, and a start
+costs nothing where one is."""
 STRAYED = 12.0
-"""A corner further from all its marks than this, pixels, starts anew where one of its planes meets one of them."""
+"""An incidence that takes a corner further from all its marks than this, pixels, is none."""
 GLANCE = 0.1
 """Sine of the angle at which a ray must meet a plane to say where on it."""
 UNSEEN = 60.0
@@ -164,7 +167,7 @@ def _round(
         lines=corner_lines(lines, state.points),
         priors=priors,
     )
-    start = PlanarStart(_recalled(sketch, rays, views, state), state.known, state.normals, state.offsets, state.face_known)
+    start = PlanarStart(_recalled(sketch, edges, rays, views, state), state.known, state.normals, state.offsets, state.face_known)
     structured = adjust_structure(sketch, start, evidence, proposed, options.adjust)
     # an incidence that takes a corner away from all that was marked of it is none, however well the rest agrees
     wrong = (
@@ -176,20 +179,25 @@ def _round(
     return structured, lines, estimates
 
 
-def _recalled(sketch: Sketch, rays: MarkRays, views: Views, state: _State) -> Float[np.ndarray, "points 3"]:
+def _recalled(sketch: Sketch, edges: Sequence[tuple[int, int, int]], rays: MarkRays, views: Views, state: _State) -> Float[np.ndarray, "points 3"]:
     """The corners, those that strayed from all of their marks (their robust loss has let go of them for good) back where the ray of a mark
-    meets the face that it meets most squarely; where it meets none at more than `GLANCE` they stay."""
+    meets the face that it meets most squarely; where it meets none at more than `GLANCE`, where it passes nearest the corners they are joined to."""
     points, known = state.points.copy(), state.face_known
-    for c in np.nonzero(_strayed(rays, views, state.points, STRAYED * views.scale) & state.known)[0]:
+    for c in np.nonzero(_strayed(rays, views, state.points, MISSED * views.scale) & state.known)[0]:
         faces = [f for f, face in enumerate(sketch.faces) if known[f] and sketch.points[c].id in face.corners]
-        best = GLANCE
-        for row in rays.of_point(int(c)):
-            direction = rays.direction[row] / np.linalg.norm(rays.direction[row])
+        best, found = GLANCE, False
+        for r in rays.of_point(int(c)):
+            direction = rays.direction[r] / np.linalg.norm(rays.direction[r])
             for f in faces:
                 along = float(direction @ state.normals[f])
-                distance = (state.offsets[f] - float(rays.origin[row] @ state.normals[f])) / along if abs(along) > best else -1.0
+                distance = (state.offsets[f] - float(rays.origin[r] @ state.normals[f])) / along if abs(along) > best else -1.0
                 if distance > 0:
-                    best, points[c] = abs(along), rays.origin[row] + distance * direction
+                    best, found, points[c] = abs(along), True, rays.origin[r] + distance * direction
+        near = state.points[sorted({b if a == c else a for _, a, b in edges if c in (a, b)} & set(np.nonzero(state.known)[0].tolist()))]
+        if not found and len(near):
+            r = rays.of_point(int(c))[0]
+            direction = rays.direction[r] / np.linalg.norm(rays.direction[r])
+            points[c] = rays.origin[r] + float(np.median((near - rays.origin[r]) @ direction)) * direction
     return points
 
 

@@ -23,6 +23,7 @@ from planewright.relations.enforce import join_constraints, pair_constraints
 from planewright.relations.explain import list_relations
 from planewright.relations.relation import Relation
 from planewright.relations.require import Requirements, obey_requirements
+from planewright.relations.supports import SupportOptions, supported_corners
 from planewright.sketch.graph import FaceId, Sketch
 
 
@@ -34,6 +35,8 @@ class AdjustOptions:
     """The adjustment itself."""
     detect: DetectOptions = field(default_factory=DetectOptions)
     """What counts as a relation."""
+    supports: SupportOptions = field(default_factory=SupportOptions)
+    """What counts as a corner that stands on a plane beyond its drawn border."""
     find_relations: bool = True
     """False enforces only what the person requires and what the drawing forces."""
     rescale_above: float = 1.25
@@ -105,6 +108,12 @@ def adjust_structure(
             agree = _agree(proposed, free, options.detect)
             refused = proposed[~agree]
             walk.incidences = np.concatenate([drawn, proposed[agree]])
+            free = walk.solve(StructureConstraints())
+        standing = (
+            supported_corners(free, walk.incidences, options.detect.as_built_offset * free.diagonal, options.supports) if options.find_relations else drawn[:0]
+        )
+        if len(standing):
+            walk.incidences = np.concatenate([walk.incidences, standing])
             free = walk.solve(StructureConstraints())
         scale = _enlarged(free.estimated_scale, options)
         if scale != free.scale:
