@@ -13,7 +13,7 @@ import pstats
 import shutil
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ import av
 import numpy as np
 
 import planewright
-from benchmarks.baselines.single_corners import single_corners
 from benchmarks.run import in_fresh_process, reconstructed
 from benchmarks.speed_page import speed_report, time_against_span
 from benchmarks.workloads.workload import ClipFiles
@@ -32,7 +31,6 @@ from planewright.mending import Gap, mend
 from planewright.pipeline.corrected import open_session
 from planewright.pipeline.machine import machine
 from planewright.pipeline.run import reconstruct
-from planewright.sketch.read import read_sketch
 from planewright.synthetic import demo_scene, toy_house, write_clip
 from planewright.tracking.tracks import State, Tracks
 from planewright.video.clip import open_clip
@@ -43,6 +41,10 @@ TO_TRACKS = ("features", "cameras", "structure", "tracks")
 """From the clip to tracks."""
 SPANS = (10, 30, 100, 300)
 """Frames that a correction touches."""
+PATH_SPANS = (10, 30, 100, 300, 600, 1000)
+"""Frames between two anchors."""
+DRIFT = 4.0
+"""Pixels by which a trace is off where it arrives."""
 DRAG = (3.0, -2.0)
 """Pixels by which a corner is dragged."""
 
@@ -155,42 +157,38 @@ def one_correction(session: Session, corner: int, span: int) -> dict[str, Any]:
     }
 
 
-def paths(files: ClipFiles, frames: int) -> list[dict[str, Any]]:
-    """The shortest path between two anchors, by the frames between them. The traces are plain Lucas-Kanade's from either side."""
-    sketch, clip = read_sketch(files.sketch), open_clip(files.clip)
-    kept = KeptFrames(clip)
-    images = [image for _, image in kept.gray(clip.numbers)]
-    step = single_corners(sketch)
-    start = np.array([next(iter(point.marks.values())) for point in sketch.points])
-    marked = np.array([next(iter(point.marks)) for point in sketch.points])
-    first = int(np.bincount(marked).argmax())
-    way = 1 if first < len(images) // 2 else -1
-    reach = len(images) - 1 - first if way == 1 else first
-    corner = int(np.flatnonzero(marked == first)[0])
+def paths(files: ClipFiles, truth: Path, frames: int) -> list[dict[str, Any]]:
+    """The shortest path between two anchors, by the frames between them.
 
-    def trace(from_frame: int, there: Float[np.ndarray, "2"], count: int, way: int) -> Float[np.ndarray, "frames 2"]:
-        places = [there]
-        for k in range(count - 1):
-            moved = step(images[from_frame + way * k], images[from_frame + way * (k + 1)], places[-1][None])[0]
-            places.append(moved if np.isfinite(moved).all() else places[-1])
-        return np.array(places)
+    The traces from both anchors are the truth with a drift of `DRIFT` pixels over the gap, each the other way: as one finds them after a drag,
+    near enough for one window in every frame however long the gap is. (Traces that lose their point double the windows, whatever the gap.)
 
+    files: a clip that shows the frames of `truth` forwards, backwards, ...
+    """
+    kept = KeptFrames(open_clip(files.clip), max_bytes=600_000_000)
+    places = _longest_seen(json.loads(truth.read_text(encoding="utf-8")))
+    at = np.arange(frames) % (2 * (len(places) - 1))
+    places = places[np.minimum(at, 2 * (len(places) - 1) - at)]
     rows: list[dict[str, Any]] = []
-    mend(kept, _gap(first, start[corner], 5, way, trace))  # compiles the kernel
-    for span in (s for s in SPANS if s <= frames):
-        gap = _gap(first, start[corner], min(span, reach), way, trace)
+    mend(kept, _gap(places[:5]))  # compiles the kernel
+    for span in (s for s in PATH_SPANS if s <= frames):
+        gap = _gap(places[:span])
+        list(kept.gray(range(span)))  # decoded and kept, as after a look through the clip
         began, worked = time.perf_counter(), time.process_time()
         mend(kept, gap)
-        rows.append({"span": len(gap.frame), "seconds": time.perf_counter() - began, "first": None, "processor": time.process_time() - worked})
+        rows.append({"span": span, "seconds": time.perf_counter() - began, "first": None, "processor": time.process_time() - worked})
     return rows
 
 
-def _gap(first: int, there: Float[np.ndarray, "2"], count: int, way: int, trace: Callable[..., Float[np.ndarray, "frames 2"]]) -> Gap:
-    """Frames from the mark on, the other anchor 4 px beside where the trace ended: as after a drag."""
-    out = trace(first, there, count, way)
-    back = trace(first + way * (count - 1), out[-1] + np.array([4.0, 0.0]), count, -way)
-    frame = np.arange(first, first + count) if way == 1 else np.arange(first - count + 1, first + 1)
-    return Gap(frame, out, back[::-1]) if way == 1 else Gap(frame, back, out[::-1])
+def _longest_seen(truth: Mapping[str, Any]) -> Float[np.ndarray, "frames 2"]:
+    """The corner that is visible in most frames."""
+    tracks = list(truth["tracks"].values())
+    return np.array(max(tracks, key=lambda track: (sum(track["visible"]), sum(track["in_image"])))["xy"], dtype=np.float64)
+
+
+def _gap(places: Float[np.ndarray, "frames 2"]) -> Gap:
+    drift = np.linspace(0.0, 1.0, len(places))[:, None] * np.array([DRIFT, 0.0])
+    return Gap(np.arange(len(places)), places + drift, places + drift[::-1])
 
 
 def profile(files: ClipFiles, rows: int = 24) -> list[dict[str, Any]]:
@@ -223,16 +221,16 @@ def measure(output: Path, frames: int, long: int, sizes: Sequence[tuple[int, int
     reconstructed(ClipFiles(small / "clip.mp4", small / "sketch.json", ()), small / "result")
     files = {size: in_fresh_process(drawn, size, frames, output / f"{size[0]}x{size[1]}") for size in sizes}
     base = files[sizes[0]]
+    longer = in_fresh_process(there_and_back, base, long, output / "long") if long > frames else base
     if "stages" in parts:
         for size, clip in files.items():
             content["clips"][f"{size[0]}x{size[1]}, {frames} frames"] = stages(clip, frames, output / f"{size[0]}x{size[1]}", repeat)
-        if long > frames:
-            longer = in_fresh_process(there_and_back, base, long, output / "long")
+        if longer is not base:
             content["clips"][f"{sizes[0][0]}x{sizes[0][1]}, {long} frames"] = stages(longer, long, output / "long", 1)
     if "corrections" in parts:
         content["corrections"] = in_fresh_process(corrections, base, frames)
     if "paths" in parts:
-        content["paths"] = in_fresh_process(paths, base, frames)
+        content["paths"] = in_fresh_process(paths, longer, base.truths[0], max(long, frames))
     if "profile" in parts:
         content["profile"] = in_fresh_process(profile, base)
     return content

@@ -7,9 +7,11 @@ import pytest
 
 from planewright.lifting.lift import LiftOptions
 from planewright.lifting.photometric import PhotometricOptions
-from planewright.lifting.views import ViewOptions
-from planewright.refine.rounds import RefineOptions, Structure, refine_structure
+from planewright.lifting.rays import mark_rays
+from planewright.lifting.views import ViewOptions, load_views
+from planewright.refine.rounds import RefineOptions, Structure, _recalled, _state_of, refine_structure
 from planewright.synthetic.observe import truth
+from planewright.tracking.edges import drawn_edges
 
 OPTIONS = RefineOptions(views=ViewOptions(max_views=30), lift=LiftOptions(photometric=PhotometricOptions(max_pixels=300)))
 """Half the pixels in fewer views than usual: twice as fast, and enough for the shed."""
@@ -91,3 +93,22 @@ def test_what_cannot_be_found_is_said(shed) -> None:
     points = tuple(replace(p, marks={}) if p.id in ("w0", "w1", "w2", "w3") else p for p in shed.sketch.points)
     found = refined(shed, options, replace(shed.sketch, points=points))
     assert any("pane" in note or "w0" in note for note in found.notes)
+
+
+def test_a_corner_that_lost_its_mark_starts_anew_on_the_ray_of_it(shed, structure: Structure) -> None:
+    # Where no plane of its own is met squarely enough to say where on the ray, it starts as far away as the corners it is joined to.
+    marked = sorted({frame for point in shed.sketch.points for frame in point.marks})
+    views = load_views(shed.frames, shed.cameras, shed.cloud, marked, OPTIONS.views)
+    rays, edges = mark_rays(views, shed.sketch), drawn_edges(shed.sketch)
+    state = _state_of(structure.scene)
+    lost = next(c for _, c, _ in edges if state.known[c] and len(rays.of_point(c)))
+    moved = state.points.copy()
+    moved[lost] += 0.2 * shed.clip.scene.diagonal
+    for face_known in (state.face_known, np.zeros_like(state.face_known)):
+        points = _recalled(shed.sketch, edges, rays, views, replace(state, points=moved, face_known=face_known))
+        others = np.arange(len(points)) != lost
+        np.testing.assert_array_equal(points[others], moved[others])
+        k = rays.of_point(lost)[0]
+        seen = views.projections[rays.view[k]] @ np.append(points[lost], 1.0)
+        np.testing.assert_allclose(seen[:2] / seen[2], rays.xy[k], atol=1e-6)
+        assert np.linalg.norm(points[lost] - state.points[lost]) < 0.7 * np.linalg.norm(moved[lost] - state.points[lost])
