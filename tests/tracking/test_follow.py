@@ -16,6 +16,7 @@ from planewright.synthetic.observe import true_tracks
 from planewright.tracking.appearance import AppearanceOptions
 from planewright.tracking.follow import CornerOptions, follow_corners
 from planewright.tracking.tracks import State, Tracks
+from planewright.tracking.visibility import corner_visibility
 
 
 @pytest.fixture(scope="module")
@@ -254,3 +255,22 @@ def test_corners_that_leave_the_picture_come_back_where_they_are(film) -> None:
     assert (found.state[visible & open_to_doubt] == State.TRACKED).mean() > 0.95
     off = np.linalg.norm(found.xy - turned.pixels(turned.scene.points)[found.frame, found.point_index], axis=1)
     assert np.percentile(off[visible], 95) < 1.0
+
+
+def test_what_the_lens_draws_into_the_picture_is_not_hidden(film) -> None:
+    """A barrel lens shows what is beyond the border of the straight picture; nothing can be measured there, but nothing is before it either."""
+    clip = demo_scene(40, (320, 180))
+    turned = film(replace(clip, path=replace(clip.path, pan_deg=(-22.0, 22.0))))
+    pinhole = turned.clip.intrinsics
+    lens = Intrinsics(pinhole.focal, pinhole.principal_point, pinhole.image_size, (-0.12, 0.03))
+    found = follow_corners(turned.frames, turned.scene, replace(turned.cameras, intrinsics=lens))
+    straight = turned.pixels(turned.scene.points)[found.frame, found.point_index]
+    size = np.array(pinhole.image_size)
+    drawn_in = ((straight < 0) | (straight >= size)).any(axis=1) & ((found.xy >= 0) & (found.xy < size)).all(axis=1)
+    everywhere = np.zeros((len(turned.cameras.frame), len(turned.sketch.points)), bool)
+    scene = turned.scene
+    seen = corner_visibility(scene.sketch, scene.points, scene.normals, scene.offsets, turned.cameras.centers, 1e-3, everywhere)
+    assert np.count_nonzero(drawn_in) > 10
+    here = drawn_in & seen[found.frame, found.point_index]
+    assert (found.state[here] != State.HIDDEN).mean() > 0.95
+    assert (found.state[drawn_in & ~seen[found.frame, found.point_index]] == State.HIDDEN).all()

@@ -62,8 +62,7 @@ def follow_corners(frames: Frames, scene: PlanarScene, cameras: Cameras, options
     points = np.where(scene.point_known[:, None], scene.points, np.nan)
     marked = _marked_rows(scene, cameras, rows)
     unhidden = corner_visibility(scene.sketch, points, normals, offsets, cameras.centers[rows], tolerance, marked)
-    inside = (predicted >= 0).all(axis=2) & (predicted[..., 0] < width) & (predicted[..., 1] < height) & (depth > 0)
-    possible = unhidden & inside
+    possible = unhidden & _in_image(predicted, depth, cameras, rows, frames.image_size, options.margin)
     wanted: Sequence[int] = [int(n) for n in cameras.frame[rows]]
     polygons = polygons_of(scene.sketch, points, normals, offsets)
 
@@ -123,6 +122,27 @@ def _project(
     normalized = in_cam[..., :2] / safe
     jacobian = pinhole.focal / safe[..., None] * (rotation[:, None, :2] - normalized[..., None] * rotation[:, None, 2:])
     return pinhole.principal_point + pinhole.focal * normalized, z, jacobian
+
+
+def _in_image(
+    straight: Float[np.ndarray, "rows points 2"],
+    depth: Float[np.ndarray, "rows points"],
+    cameras: Cameras,
+    rows: Int[np.ndarray, "rows"],
+    image_size: tuple[int, int],
+    margin: float,
+) -> Bool[np.ndarray, "rows points"]:
+    """Whether the frame as displayed shows the place: a lens draws in what is beyond the border of the straight picture, or pushes out what is within it."""
+    size = np.array(image_size, dtype=np.float64)
+    # Far outside a lens of few terms folds back; nothing of what it says there is so.
+    near: Bool[np.ndarray, "rows points"] = np.asarray((np.abs(straight / size - 0.5) < 0.5 + margin).all(axis=2) & (depth > 0))
+    inside = np.zeros(near.shape, bool)
+    numbers = cameras.frame[rows]
+    for i in range(near.shape[1]):
+        k = np.nonzero(near[:, i])[0]
+        shown = cameras.lens.to_displayed(numbers[k], straight[k, i], depth[k, i])
+        inside[k, i] = ((shown >= 0) & (shown < size)).all(axis=1)
+    return inside
 
 
 def _marked_rows(scene: PlanarScene, cameras: Cameras, rows: Int[np.ndarray, "rows"]) -> Bool[np.ndarray, "rows points"]:
