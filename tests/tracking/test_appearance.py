@@ -66,6 +66,18 @@ def test_the_marks_say_which_look_is_the_patch_where_most_frames_show_something_
     assert odds_of(values)[:30].max() < -1.0  # nobody marked it: the many are believed
 
 
+def test_a_corner_that_shows_itself_for_a_moment_alone_is_known_by_the_mark_made_there() -> None:
+    """Of the frames that are compared with each other, every second one of 120, two show it: the marked one and its neighbour."""
+    rng = np.random.default_rng(8)
+    values, _ = film(rng)
+    values[:51], values[53:] = 200.0 + 2.0 * rng.normal(size=(51, SAMPLES, 3)), 200.0 + 2.0 * rng.normal(size=(67, SAMPLES, 3))
+    marked = np.zeros(ROWS, bool)
+    marked[51] = True
+    odds = odds_of(values, marked)
+    assert odds[51:53].min() > 1.0
+    assert max(odds[:51].max(), odds[53:].max()) < -1.0
+
+
 def test_a_mark_that_was_made_while_something_passed_does_not_hide_the_corner_for_good() -> None:
     rng = np.random.default_rng(7)
     values, _ = film(rng)

@@ -160,8 +160,8 @@ def _look(
     mutual = np.zeros((len(some), len(some)))
     agreements(seen, ceiling, near, options.alike, mutual)
     votes = mutual.sum(axis=1)
-    # A mark whose look no other frames share was made where the person guessed, or just then something passed.
-    shared = at_mark & ((mutual > 0.5).sum(axis=1) >= 3)
+    # A mark whose look no other frame shares was made where the person guessed, or just then something passed.
+    shared = at_mark & ((mutual > 0.5).sum(axis=1) >= 2)
     if shared.any():
         votes = votes + options.mark_votes * len(some) * mutual[:, shared].mean(axis=1)
     best = int(np.argmax(votes))
