@@ -187,8 +187,11 @@ class Disturbed:
 
 @pytest.fixture(scope="module")
 def covered(shed) -> tuple[Disturbed, np.ndarray]:
-    """A striped hand that moves through the picture in frames 12 to 27, and which corners are behind it in which frames."""
-    path = {k: np.array([60.0 + 14.0 * (k - 12), 80.0 + 2.0 * (k - 12)]) for k in range(12, 28)}
+    """A striped hand that moves through the picture in frames 23 to 38, and which corners are behind it in which frames.
+
+    The corners are marked in frames 22 and 39: nobody marks a corner that a hand covers.
+    """
+    path = {k: np.array([60.0 + 14.0 * (k - 23), 80.0 + 2.0 * (k - 23)]) for k in range(23, 39)}
     y, x = np.mgrid[0:180, 0:320] + 0.5
 
     def pass_by(number: int, image: np.ndarray) -> np.ndarray:
