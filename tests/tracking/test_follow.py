@@ -191,7 +191,7 @@ def covered(shed) -> tuple[Disturbed, np.ndarray]:
 
     The corners are marked in frames 22 and 39: nobody marks a corner that a hand covers.
     """
-    path = {k: np.array([60.0 + 14.0 * (k - 23), 80.0 + 2.0 * (k - 23)]) for k in range(23, 39)}
+    path = {k: np.array([60.0 + 14.0 * (k - 23), 90.0 + 2.0 * (k - 23)]) for k in range(23, 39)}
     y, x = np.mgrid[0:180, 0:320] + 0.5
 
     def pass_by(number: int, image: np.ndarray) -> np.ndarray:
