@@ -8,7 +8,6 @@ from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
 from planewright.arrays import Bool, Float, Int
-from planewright.geometry.plane import tangent_basis
 from planewright.planes.basis import Basis
 from planewright.planes.evidence import Evidence, PlanePoints
 from planewright.planes.planar_scene import PlanarScene
@@ -23,7 +22,7 @@ from planewright.relations.enforce import join_constraints, pair_constraints
 from planewright.relations.explain import list_relations
 from planewright.relations.relation import Relation
 from planewright.relations.require import Requirements, obey_requirements
-from planewright.relations.supports import SupportOptions, supported_corners
+from planewright.relations.supports import SupportOptions, height_over, supported_corners
 from planewright.sketch.graph import FaceId, Sketch
 
 
@@ -38,7 +37,7 @@ class AdjustOptions:
     supports: SupportOptions = field(default_factory=SupportOptions)
     """What counts as a corner that stands on a plane beyond its drawn border."""
     find_relations: bool = True
-    """False enforces only what the person requires and what the drawing forces."""
+    """False enforces only what the person requires and what the drawing forces, and puts no corner on a plane beyond its border."""
     rescale_above: float = 1.25
     """Sigmas of a kind of evidence are enlarged where its residuals are this many times larger than claimed. The estimate scatters by a tenth."""
     largest_rescale: float = 4.0
@@ -60,7 +59,8 @@ class Structured:
     relations: tuple[Relation, ...]
     adjacency: tuple[Adjacency, ...]
     incidences: Int[np.ndarray, "incidences 2"]
-    """Face row and corner row of all incidences that hold exactly: the drawn ones, then those proposed ones that agree with the views."""
+    """Face row and corner row of all incidences that hold exactly: the drawn ones, those proposed ones that agree with the views, then corners
+    that stand on planes beyond their drawn border."""
     refused_incidences: Int[np.ndarray, "refused 2"]
     """Proposed ones that do not."""
     overruled_planes: tuple[FaceId, ...]
@@ -196,15 +196,10 @@ def _drawn_incidences(sketch: Sketch) -> Int[np.ndarray, "incidences 2"]:
 
 def _agree(proposed: Int[np.ndarray, "proposed 2"], free: StructureSolution, options: DetectOptions) -> Bool[np.ndarray, "proposed"]:
     """Whether each corner is on the plane within what the views and the as-built tolerance allow."""
-    bases, num_faces = tangent_basis(free.normals), len(free.normals)
     agree = np.ones(len(proposed), dtype=bool)
     for k, (face, corner) in enumerate(proposed.tolist()):
-        reach = free.points[corner] - free.centers[face]
-        gap = float(free.normals[face] @ free.points[corner] - free.offsets[face])
-        slope = np.concatenate([bases[face] @ reach, [-1.0], free.normals[face]])
-        columns = np.concatenate([3 * face + np.arange(3), 3 * (num_faces + corner) + np.arange(3)])
-        variance = float(slope @ free.covariance[np.ix_(columns, columns)] @ slope) + (options.as_built_offset * free.diagonal) ** 2
-        agree[k] = gap * gap < chi2.ppf(options.significance, 1) * variance
+        gap, variance = height_over(free, face, corner)
+        agree[k] = gap * gap < chi2.ppf(options.significance, 1) * (variance + (options.as_built_offset * free.diagonal) ** 2)
     return agree
 
 

@@ -66,19 +66,23 @@ def supported_corners(
     return np.stack([chosen[corners], corners], axis=1).astype(np.int64)
 
 
+def height_over(solution: StructureSolution, face: int, corner: int) -> tuple[float, float]:
+    """Signed distance of a known corner from the plane of a face, and its variance by the joint covariance; world units."""
+    normal, num_faces = solution.normals[face], len(solution.normals)
+    reach = solution.points[corner] - solution.centers[face]
+    slope = np.concatenate([tangent_basis(normal[None])[0] @ reach, [-1.0], normal])
+    columns = np.concatenate([3 * face + np.arange(3), 3 * (num_faces + corner) + np.arange(3)])
+    return float(normal @ solution.points[corner] - solution.offsets[face]), float(slope @ solution.covariance[np.ix_(columns, columns)] @ slope)
+
+
 def _heights(solution: StructureSolution, face: int, as_built: float) -> tuple[Float[np.ndarray, "points"], Float[np.ndarray, "points"]]:
-    """Signed distance of every corner from the plane of a face, and its standard deviation by the joint covariance; infinite where unknown."""
-    normal, first = solution.normals[face], 3 * len(solution.normals)
-    basis = tangent_basis(solution.normals)[face]
-    height = solution.points @ normal - solution.offsets[face]
-    variance = np.full(len(solution.points), np.inf)
-    plane = 3 * face + np.arange(3)
+    """Of every corner over the plane of a face, and its standard deviation with the as-built tolerance; infinite where unknown."""
+    height, sigma = np.zeros(len(solution.points)), np.full(len(solution.points), np.inf)
     for corner in np.flatnonzero(solution.point_known).tolist():
-        slope = np.concatenate([basis @ (solution.points[corner] - solution.centers[face]), [-1.0], normal])
-        columns = np.concatenate([plane, first + 3 * corner + np.arange(3)])
-        variance[corner] = float(slope @ solution.covariance[np.ix_(columns, columns)] @ slope) + as_built**2
-    known = np.isfinite(variance) & np.isfinite(height)
-    return np.where(known, height, 0.0), np.where(known, np.sqrt(np.maximum(variance, 1e-30)), np.inf)
+        gap, variance = height_over(solution, face, corner)
+        if np.isfinite(gap) and np.isfinite(variance):
+            height[corner], sigma[corner] = gap, np.sqrt(max(variance + as_built**2, 1e-30))
+    return height, sigma
 
 
 def _standing(
@@ -90,12 +94,12 @@ def _standing(
     options: SupportOptions,
 ) -> Float[np.ndarray, "points"]:
     """The probability of every corner to stand on the plane of a face; 0 where that is not for this test to say."""
-    nothing = np.zeros(len(height))
+    out = np.zeros(len(height))
     known = np.isfinite(sigma)
     clear = known & (np.abs(height) > 3.0 * sigma) & ~on[face]
     side = np.sign(np.sum(np.sign(height[clear]))) if clear.any() else 0.0
     if side == 0.0 or np.sum(clear & (side * height < 0)) > options.behind * np.sum(clear):
-        return nothing
+        return out
     parallel = np.abs(solution.normals @ solution.normals[face]) > np.sqrt(1.0 - options.slant**2)
     standing = solution.face_known & ~parallel
     rise = np.array([float(np.abs(height[on[g] & known]).max(initial=0.0)) for g in range(len(on))])
@@ -103,7 +107,7 @@ def _standing(
     # corners of a face that is parallel to this one are on this plane or they are not, all together
     may = known & ~on[parallel].any(axis=0) & np.isfinite(lowest) & (sigma < options.of_face * lowest)
     if not may.any():
-        return nothing
+        return out
     like = np.exp(-0.5 * (height[may] / sigma[may]) ** 2) / (sigma[may] * np.sqrt(2.0 * np.pi))
     other = 1.0 / solution.diagonal
     share, probability = options.chance, np.zeros(int(may.sum()))
@@ -114,7 +118,6 @@ def _standing(
     witnesses = np.flatnonzero(may)[(probability > options.sure) & (sigma[may] < options.precise * solution.diagonal)]
     faces = np.flatnonzero(standing & on[:, witnesses].any(axis=1))
     if share < options.share or len(witnesses) < options.witnesses or len(faces) < 2:
-        return nothing
-    out = nothing
+        return out
     out[may] = probability
     return out
